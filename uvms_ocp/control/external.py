@@ -22,7 +22,7 @@ class ReportingController(Protocol):
 
     @property
     def alarms(self) -> Sequence[tuple[float, str]]:
-        """Time [s] and text of all that is to be known of it so far."""
+        """Time [s] and text of each alarm so far."""
 
     @property
     def given_up(self) -> str:

@@ -93,7 +93,7 @@ class LoadSample:
     velocity: np.ndarray
     """(3, n_tools) [m/s] of the tools in W."""
     usable: np.ndarray
-    """(n_v,) whether an axis tells anything."""
+    """(n_v,) which axes tell anything of the load."""
 
 
 class LoadFilter:
@@ -102,7 +102,8 @@ class LoadFilter:
     def __init__(
         self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray, n_tools: int = 1
     ) -> None:
-        """Limit (n_v,) [N, N m] of thrusters and motors; bandwidth (n_v,) [rad/s] of the observer.
+        """limit (n_v,) [N, N m]: of thrusters and motors; bandwidth (n_v,) [rad/s]: of the
+        observer.
 
         Raises `InvalidInput` for a limit that is none, or nothing.
         """
@@ -131,7 +132,9 @@ class LoadFilter:
         """Covariance of `x`, in the products of its units."""
 
     def error(self, place: int) -> float:
-        """Standard error of an entry of `x`, in its unit, with that of the scale."""
+        """Return the standard error of an entry of `x`, in its unit, with that of the forces'
+        scale.
+        """
         return math.hypot(math.sqrt(self.P[place, place]), self._settings.scale * self.x[place])
 
     def update(self, look: LoadSample) -> None:
@@ -169,7 +172,9 @@ class LoadFilter:
         self._correct(H[look.usable], missed[look.usable], noise[look.usable])
 
     def _forget(self) -> None:
-        """The current walks, and the lasting force becomes another."""
+        """Propagate by a period: the current walks, and the force that the model lacks is
+        forgotten.
+        """
         period = self._settings.period
         keep = np.ones(len(self.x))
         keep[self.current.stop :] = math.exp(-period / _LASTING_TIME)
@@ -179,7 +184,7 @@ class LoadFilter:
         self.P[self.current, self.current] += np.eye(3) * _CURRENT_WALK**2 * period
 
     def _listen(self, missed: np.ndarray, usable: np.ndarray) -> None:
-        """To the noise: how what is missed changes within the memory of the observer."""
+        """Learn the noise from how the residual changes within the memory of the observer."""
         if len(self._last) == self._last.maxlen:
             square = np.minimum((missed - self._last[0]) ** 2 / 2, _OUTLIER**2 * self._variance)
             gain = np.where(usable, self._settings.period / _MEMORY, 0.0)
@@ -189,7 +194,7 @@ class LoadFilter:
         self._last.append(missed)
 
     def _begin_anew(self) -> None:
-        """Once the observer has come to what there is now."""
+        """Forget all that was learnt, and wait until the observer has settled."""
         self._surprised = 0
         self._heat = _FIRST_NOISE
         # What was missed was missed by what is forgotten now: at least that look is left out.

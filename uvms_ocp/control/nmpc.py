@@ -24,16 +24,18 @@ from uvms_ocp.robot import Command, State, StateEstimate, Water, robot_dynamics,
 from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 
 _ROUNDING = 1e-9
-"""[s] in sums of ticks."""
+"""[s] rounding error in sums of control periods."""
 _LATE_STEP = 0.5
-"""share of the limits of accelerations by which tracking may answer the step of a plan that takes
-over late.
+"""Share of the acceleration limits by which tracking may answer the step to a plan that takes over
+late.
 """
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NmpcStatistics:
-    """Longest solve so far but the first, which may take its time."""
+    """Times of the solves so far but the first, which may take its time, and plans that came late
+    or to nothing.
+    """
 
     solve_times: tuple[float, ...]
     """[s] by the controller's clock."""
@@ -48,12 +50,12 @@ class NmpcStatistics:
 
 
 class PlanningTimes:
-    """Times at which plans are asked for: at the first tick at or after each multiple of the
-    period, so that the mean period is what was asked for, whatever ticks there are.
+    """Times at which plans are asked for: the first tick at or after each multiple of the period,
+    so that the mean period is the one that was asked for, whatever the ticks are.
     """
 
     def __init__(self, dt: float, period: float) -> None:
-        """Dt, period [s]: of control and planning."""
+        """dt, period [s]: of control and planning."""
         self.dt = dt
         """[s] of control."""
         self._period = period
@@ -205,12 +207,12 @@ class Nmpc(TableDisplay):
 
     @property
     def worker_status(self) -> solve_workers.WorkerStatus:
-        """Plans are still being made."""
+        """State of the worker that makes the plans."""
         return self._worker.status
 
     @property
     def alarms(self) -> tuple[tuple[float, str], ...]:
-        """Time [s] and text of all that is to be known of its plans."""
+        """Time [s] and text of each alarm about plans that are late, overdue or may not be flown."""
         return tuple(self._watch.alarms)
 
     @property

@@ -63,8 +63,8 @@ class ForceResponse:
 
 
 ObserverResponse = Callable[[ForceResponse, ca.SX, ca.SX, ca.SX], ForceResponse]
-"""`ObserverLaw.response`: a tick later, by the mass matrix, forces (n_v, k) [N, N m], and a share
-(n_v,) of the bandwidth.
+"""Law by which a response goes on for a tick, from the mass matrix, forces (n_v, k) [N, N m] and
+shares (n_v,) of the bandwidth: `ObserverLaw.response`.
 """
 
 
@@ -160,7 +160,7 @@ class LoadEstimate:
 def load_functions(
     body: SymbolicDynamics, response: ObserverResponse, tools: tuple[str, ...]
 ) -> tuple[ca.Function, ca.Function]:
-    """`tool_function` and `response_function` for a learner, made once; compiled where there is a
+    """Make `tool_function` and `response_function` for a learner, once; compiled where there is a
     compiler.
     """
     tool = compile_function(tool_function(body, tools))

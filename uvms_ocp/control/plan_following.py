@@ -43,7 +43,9 @@ class PlanTracker:
         gains: TrackingGains | None = None,
         water: Water = STILL_WATER,
     ) -> None:
-        """Dt [s]: control period. gains, water: as `ComputedTorque` takes them."""
+        """dt [s]: control period. gains: of the feedback, by default `TrackingGains`. water: as far
+        as the controller knows it.
+        """
         self._trajectory = trajectory
         self._model = robot.model
         self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=water)
@@ -51,7 +53,7 @@ class PlanTracker:
         self._sound = fallbacks.LastValidEstimate(robot)
 
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
-        """The command for the tick at time t [s] of the trajectory; finished at its end."""
+        """Return the command for the tick at time t [s] of the trajectory; finished at its end."""
         estimate = self._sound(estimate, t)
         q, v, a = self._trajectory.state_at(self._model, t)
         command = self._law.command(
@@ -71,9 +73,9 @@ class PlannedPhase:
     phase: int
     """Index in the mission."""
     begin: Magnitude
-    """[s]"""
+    """[s] time of the plan at which the phase begins."""
     end: Magnitude
-    """[s]"""
+    """[s] time of the plan at which the phase ends."""
     moves: bool
     """The phase has goals of its own that move: it begins when the mission says so, and the plan
     waits for that.
@@ -85,19 +87,19 @@ class FollowingTuning:
     """Tuning of how a plan is followed, and when it is left."""
 
     vehicle: Positive = 0.5
-    """[1/s] velocity per deviation."""
+    """[1/s] velocity of the vehicle per deviation from the plan."""
     joints: Positive = 2.0
-    """[1/s]"""
+    """[1/s] velocity of the joints per deviation from the plan."""
     bandwidth: Positive = 0.7
     """Share of the usual feedback of the vehicle's velocity: the plan is fed forward."""
     smoothing: Positive = 0.5
-    """[s] of the correction: noise is not to become acceleration."""
+    """[s] time constant of the correction: noise is not to become acceleration."""
     position: Positive = 0.3
     """[m] of the vehicle from the plan, beyond which it is left."""
     attitude: Positive = 0.3
-    """[rad]"""
+    """[rad] of the vehicle from the plan, beyond which it is left."""
     posture: Positive = 0.3
-    """[rad or m] of any joint."""
+    """[rad or m] of any joint from the plan, beyond which it is left."""
     late: Positive = 3.0
     """[s] that a phase may last beyond its end in the plan."""
 
@@ -150,7 +152,7 @@ class PlanGuide:
     def __call__(
         self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]
     ) -> GuideOutput:
-        """The velocity along the plan, or that it is left."""
+        """Return the velocity along the plan, or the reason why it is left."""
         if self._left:
             return _LEFT
         q, v, _ = self._trajectory.state_at(self._model, self._clock)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from uvms_ocp.control.solve_workers import WorkerStatus
 
 _IN_A_ROW = 3
-"""plans without use, or that take longer than their period, after which it is told."""
+"""Plans in a row without use, or that take longer than their period, after which an alarm is
+logged.
+"""
 _ROUNDING = 1e-9
-"""[s] in sums of a clock's ticks."""
+"""[s] rounding error in sums of a clock's ticks."""
 _OVERDUE = 3.0
-"""periods that a plan may be overdue before it is told."""
+"""Periods that a plan may be overdue before an alarm is logged."""
 
 
 class PlanningWatch:
@@ -35,19 +37,19 @@ class PlanningWatch:
         self._told_overdue = False
 
     def on_plan(self) -> None:
-        """A plan may be flown."""
+        """Take note of a plan that may be flown."""
         self._unusable = 0
         self.given_up = ""
 
     def on_rejection(self, t: float, reason: str) -> None:
-        """A plan may not be flown at t [s], for a reason."""
+        """Take note, at t [s], of a plan that may not be flown, and of the reason."""
         self.rejected += 1
         self._unusable += 1
         if self._unusable == _IN_A_ROW:
             self._give_up(t, f"no plan to fly, {_IN_A_ROW} in a row: {reason}")
 
     def on_answer(self, t: float, solve_time: float) -> None:
-        """A solve for a plan has ended at t [s] after `solve_time` [s]; the first is not counted."""
+        """Take note, at t [s], of a solve that took `solve_time` [s]; the first is not counted."""
         self._told_overdue = False
         if solve_time <= self._period + _ROUNDING:
             self._late = 0
@@ -60,7 +62,9 @@ class PlanningWatch:
             self.alarms.append((t, f"plans are late: {took}, {flown}"))
 
     def on_wait(self, t: float, due: float, status: WorkerStatus) -> None:
-        """The plan that was to be there at `due` [s] is not at t [s]; status: of what makes it."""
+        """Take note, at t [s], that a plan due at `due` [s] is not there; status: of the worker
+        that makes it.
+        """
         if status is not WorkerStatus.WORKING:
             if not self.given_up:
                 self._give_up(t, f"plans are no longer made: {status.value}; {status.advice}")

@@ -30,9 +30,9 @@ another.
 _FIRST_SOLVES = 10
 """Solves of the first plan, whose guess is to stay where the robot is."""
 _REMEMBERED = 30
-"""Guesses that were rejected, of which no solve begins again."""
+"""Number of rejected guesses that are remembered, from which no solve begins again."""
 _SAME = 1e-6
-"""[unit of the variable] by which guesses differ that are the same."""
+"""[unit of the variable] difference below which two guesses count as the same."""
 _PLANNED_RATE = 0.97
 """Share of the limit of a rate that plans use: tracking needs the rest."""
 _PLANNED_UNDRIVEN_RATE = 0.8
@@ -236,7 +236,7 @@ class GuessKind(Enum):
 
     @property
     def following(self) -> GuessKind:
-        """Kind that is tried next."""
+        """Kind of guess that is tried after this one."""
         return GuessKind((self.value + 1) % len(GuessKind))
 
 
@@ -299,4 +299,4 @@ class ReplanningResult:
     solve_time: float
     """[s] by the clock that was given."""
     processor_time: float
-    """[s] without what other processes took."""
+    """[s] processor time of the solve, without other processes."""

@@ -28,7 +28,7 @@ _FORGOTTEN = 0.95
 _RECENT = 5
 """Solves in line by which the next one is judged."""
 _SENT = 1e-3
-"""[s] for question and answer on their way."""
+"""[s] that a request and its result take on their way between processes."""
 _PATIENCE = 3
 """Periods after which a solve beside begins no further step: a plan that comes late is of more use
 than none.
@@ -67,7 +67,7 @@ class ReplanningJob:
     gains: TrackingGains | None
     """Gains of the law that tracks plans."""
     clock: Callable[[], float]
-    """[s] by which solves in line are timed; a process has a clock of its own."""
+    """Clock [s] by which solves within the tick are timed; a process has a clock of its own."""
 
 
 @checked_dataclass()
@@ -153,12 +153,14 @@ class RunningSynchronously:
 
 
 class RunningProcess:
-    """A worker at work on one job, in a process of its own; members as those of
+    """A worker at work on one job, in a process of its own, with the interface of
     `RunningSynchronously`.
     """
 
     def __init__(self, job: ReplanningJob, limits: ProcessWorker) -> None:
-        """Raises `InvalidInput` and `UvmsError` as `start_worker` does."""
+        """Start the process. Raises `InvalidInput` for a job that cannot be sent to it, and
+        `UvmsError` where it does not get ready.
+        """
         require_first_reading("Scenario.run with a ProcessWorker")
         words = _sent(job)
         self.lead = limits.lead

@@ -26,11 +26,11 @@ class AuthorityMemory(Layout):
     """Inputs and results of `judge_authority`."""
 
     matrix: Annotated[list[Vector], Sized(6, "n_thrusters")]
-    """(6, n_thrusters) [N/N, N m/N]"""
+    """(6, n_thrusters) [N/N, N m/N] wrench about the origin of B by the thrust of each thruster."""
     lower: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N] limits of what may be asked."""
+    """(n_thrusters,) [N] lower limits of what may be asked."""
     upper: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N]"""
+    """(n_thrusters,) [N] upper limits of what may be asked."""
     trim: Annotated[Vector, Sized(6)]
     """(6,) [N, N m] that holds the robot still."""
     righting: Annotated[Vector, Sized(6)]
@@ -77,8 +77,8 @@ def _reach_out(authority: AuthorityMemory, trimmed: bool) -> None:
 
 
 def _largest_along(authority: AuthorityMemory, axis: int, way: int, trimmed: bool) -> float:
-    """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the
-    water balances.
+    """Return the largest x with ``matrix T + s = trim + way x e``, T within its limits, s within
+    what the water balances.
 
     way: 0 down the axis, 1 up. NaN where there is none.
     """
@@ -96,7 +96,9 @@ def _largest_along(authority: AuthorityMemory, axis: int, way: int, trimmed: boo
 
 
 def _write_balance(authority: AuthorityMemory, k: int, is_own_axis: bool, trimmed: bool) -> None:
-    """Compute the reach on axis k; own: by the thrusters alone, whatever the water balances."""
+    """Compute the reach on axis k; is_own_axis: by the thrusters alone, whatever the water
+    balances.
+    """
     program = authority.program
     n = len(authority.lower)
     for i in range(len(program.c)):

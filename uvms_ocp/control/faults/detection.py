@@ -1,5 +1,5 @@
-"""Detect faults of thrusters and joints, and the authority that is left without them: one look
-after the other, as kernels.
+"""Detect faults of thrusters and joints in one sample after the other, and judge the authority that
+is left without them, as kernels.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class WrenchBalance(Layout):
     """The wrench that holds the robot still, averaged once it has settled after a fault."""
 
     runs: bool
-    """There is anything to wait for."""
+    """True while the robot settles after a verdict, and its authority is still to be judged."""
     began: float
     """[s] time at which the wait began."""
     total: Annotated[Vector, Sized(6)]
@@ -56,7 +56,9 @@ class FaultDetection(Layout):
     """The encoders are to be trusted."""
     # of the robot
     joint_way: FunctionField
-    """``q, q -> (n_joints,)`` [rad or m] from one to the other."""
+    """``q, q -> (n_joints,)`` [rad or m] way of each joint from the first configuration to the
+    second.
+    """
     weight: FunctionField
     """``q -> (6,)`` [N, N m] of thrusters that would hold the robot still in still water."""
     dt: float
@@ -72,34 +74,34 @@ class FaultDetection(Layout):
     paused: bool
     started: bool
     before: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] of the last look."""
+    """(n_q,) [m, rad] configuration at the last sample."""
     step: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] from there."""
+    """(n_joints,) [rad or m] way of the joints since the last sample."""
     gone: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] that the joints went so far; some turn without end, and are no
-    numbers.
+    """(n_joints,) [rad or m] way of the joints since the start: positions of joints that turn
+    without end are no single numbers.
     """
     asked_way: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] since the last look."""
+    """(n_joints,) [rad or m] way of the joints that was commanded since the last sample."""
     resistance: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [N m or N]"""
+    """(n_joints,) [N m or N] force on each joint that neither its motor nor the model explains."""
     wrench: Annotated[Vector, Sized(6)]
-    """(6,) [N, N m]"""
+    """(6,) [N, N m] wrench of thrusters that holds the robot still."""
     upright: Annotated[Vector, Sized(6)]
-    """(6,) [N, N m]"""
+    """(6,) [N, N m] the same wrench with the vehicle level, in still water."""
     tilted: Annotated[Vector, Sized("n_tilted")]
-    """(n_q,) [m, rad] and room for the quaternion of a vehicle."""
+    """(n_q,) [m, rad] configuration with the vehicle tilted, to weigh what rights it."""
     judged: bool
-    """The authority is that of what is left; before, nobody has judged."""
+    """True once the authority has been judged after a verdict."""
     # found
     thruster: int
     """Thruster found faulty in this sample; -1 for none."""
     jam: bool
-    """A joint was found jammed in this look."""
+    """A joint was found jammed in this sample."""
     judgement: bool
-    """There is a new one."""
+    """True where the authority was judged in this sample."""
     changed: bool
-    """Any of that, or another thruster is suspect."""
+    """True where a verdict, the authority or the suspected thruster changed in this sample."""
 
 
 def pause_detection(detection: FaultDetection) -> None:
@@ -134,7 +136,9 @@ def detect_faults(detection: FaultDetection, t: float) -> bool:
 
 
 def _go_on(detection: FaultDetection) -> None:
-    """Remember the positions of the joints, and what they were asked for."""
+    """Add up the ways of the joints since the last sample, commanded and measured, with the
+    resistance that they met.
+    """
     if detection.started:
         detection.joint_way(detection.before, detection.q, detection.step)
     detection.started = True
@@ -189,8 +193,8 @@ def update_wrench_balance(balance: WrenchBalance, wrench: Vector, t: float) -> b
 
 
 def _find_trim(detection: FaultDetection) -> None:
-    """The wrench that holds the robot still, and moments of weight and buoyancy within the allowed
-    tilt from level.
+    """Find the wrench that holds the robot still, and the moments of weight and buoyancy within the
+    allowed tilt from level.
     """
     detection.tilted[: len(detection.q)] = detection.q[: len(detection.q)]
     _tilt(detection, 0, 0.0)
@@ -207,7 +211,7 @@ def _find_trim(detection: FaultDetection) -> None:
 
 
 def _tilt(detection: FaultDetection, axis: int, angle: float) -> None:
-    """The quaternion xyzw, from level."""
+    """Turn the vehicle from level about an axis of B by an angle [rad]."""
     for k in range(3):
         if k == axis:
             detection.tilted[3 + k] = math.sin(0.5 * angle)

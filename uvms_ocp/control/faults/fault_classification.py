@@ -1,5 +1,5 @@
-"""In which manner a thruster fails, and since when: every onset of late, against a share and
-against no answer at all.
+"""Classify the fault of a thruster, and date it: fit a share of the command and a constant thrust
+for every onset of late, and keep the likeliest.
 """
 
 from __future__ import annotations
@@ -18,56 +18,57 @@ _STUCK = 0.1  # of what a dead thruster would leave unexplained
 
 
 class LineFit(Layout):
-    """Fitted to y over x."""
+    """Least-squares lines, y over x, one for every onset that is tried, and the best of them."""
 
     x: Annotated[Vector, Sized("n_looks")]
-    """(n_looks,) [any]"""
+    """(n_looks,) [unit of x] abscissae of the samples."""
     y: Annotated[Vector, Sized("n_looks")]
-    """(n_looks,) [N]"""
+    """(n_looks,) [N] ordinates of the samples."""
     slope: float
-    """[N/any]"""
+    """[N/unit of x] slope of the line tried last."""
     left: float
-    """[N^2] sum of squares that is left."""
+    """[N^2] sum of squares that the line tried last leaves."""
     best_slope: float
-    """[N/any] of all that were tried, the one that leaves least."""
+    """[N/unit of x] slope of the best line."""
     best_sigma: float
-    """[N/any] standard deviation of that."""
+    """[N/unit of x] standard deviation of the slope of the best line."""
     least: float
-    """[N^2] that it leaves."""
+    """[N^2] sum of squares that the best line leaves."""
     onset: float
-    """[s] for which it was tried."""
+    """[s] onset of the best line."""
 
 
 class FaultFit(Layout):
-    """The likeliest, of one thruster."""
+    """Fit of the likeliest fault of one thruster to its commands and the residual wrench."""
 
     count: int
-    """Looks at it."""
+    """Number of samples in the window."""
     time: Annotated[Vector, Sized("n_looks")]
-    """(n_looks,) [s]"""
+    """(n_looks,) [s] times of the samples."""
     asked: Annotated[Vector, Sized("n_looks")]
-    """(n_looks,) [N] thrust, as filtered."""
+    """(n_looks,) [N] commanded thrust, filtered as the residual is."""
     along: Annotated[Vector, Sized("n_looks")]
-    """(n_looks,) [N] thrust along the thruster that the residual comes to."""
+    """(n_looks,) [N] residual wrench, projected on the direction of the thruster."""
     bandwidth: float
     """[rad/s] of the filter."""
     faded: Annotated[Vector, Sized("n_looks")]
-    """(n_looks,) what the filter still has of the time before an onset."""
+    """(n_looks,) share that the filter still has of the time before an onset."""
     lost: Annotated[Vector, Sized("n_looks")]
-    """(n_looks,) [N] of what was asked since."""
+    """(n_looks,) [N] commanded thrust since the onset, as filtered."""
     shares: LineFit
     stops: LineFit
     dead: float
-    """[N^2] that is left where it gives nothing, at least."""
+    """[N^2] sum of squares that is left of the best onset where the thruster gives nothing since.
+    """
     # found
     share: float
     """Share of its command that it gives; 0 where it does not follow."""
     constant: float
     """[N] that it gives instead, where it does not follow."""
     sigma: float
-    """[N] of the constant."""
+    """[N] standard deviation of the constant."""
     onset: float
-    """[s]"""
+    """[s] onset of the fault."""
 
 
 def classify_fault(fit: FaultFit) -> None:
@@ -122,7 +123,7 @@ def _try_before(fit: FaultFit) -> None:
 
 
 def _scatter(y: Vector, n: int) -> float:
-    """Sum of squares of what is not the mean."""
+    """Compute the sum of squares of y (n,) [N] about its mean."""
     mean = 0.0
     total = 0.0
     for j in range(n):

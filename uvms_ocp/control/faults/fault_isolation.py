@@ -1,5 +1,5 @@
-"""Which thruster the residual wrench of the last seconds blames: how much of its changes the thrust
-asked of it explains.
+"""Isolate the thruster whose commands explain the changes of the residual wrench of the last
+seconds.
 
 Thruster i that gives ``(1 - theta) T_i + c`` in place of T_i leaves ``b_i (c - theta T_i)`` in
 the residual: along one known direction, as its command goes, and at the same time. Water, loads
@@ -33,37 +33,41 @@ class IsolationWindow(Layout):
     """Window of recent samples for fault isolation, a ring, and the likeliest faulty thruster."""
 
     directions: Annotated[list[Vector], Sized(6, "n_thrusters")]
-    """(6, n_thrusters) wrench of a newton in those scales."""
+    """(6, n_thrusters) wrench of 1 N of each thruster, in units of `scale`."""
     scale: Annotated[Vector, Sized(6)]
-    """(6,) [N, N m] what counts as one on each axis."""
+    """(6,) [N, N m] unit of each axis, so that forces and moments compare."""
     square: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) of the size of each direction."""
+    """(n_thrusters,) squared norm of each direction."""
     length: int
     """Looks in which a culprit is sought."""
     least_explained: float
-    """This and the next as in `ActuatorHealthTuning`."""
+    """Share of the changes that the fault of a thruster must explain, and how many times as much
+    the next best must leave unexplained.
+    """
     least_lead: float
     seen: Annotated[list[Vector], Sized("n_looks", 6)]
-    """(n_looks, 6) residual in those scales."""
+    """(n_looks, 6) residual, in units of `scale`."""
     asked: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
-    """(n_looks, n_thrusters) [N]"""
+    """(n_looks, n_thrusters) [N] commanded thrust."""
     time: Annotated[Vector, Sized("n_looks")]
-    """(n_looks,) [s]"""
+    """(n_looks,) [s] times of the samples."""
     count: int
     """Samples so far."""
     along: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
     """(n_looks, n_thrusters) changes of the residual along each direction."""
     # the likeliest culprit
     thruster: int
-    """Counted from 0; -1 where none explains enough."""
+    """Thruster that explains most, counted from 0; -1 where none explains enough."""
     explained: float
-    """Share of the changes."""
+    """Share of the changes that it explains."""
     lead: float
-    """Residual of the next best explanation, over that of this one."""
+    """What the next best explanation leaves unexplained, over what this one leaves."""
 
 
 def append_sample(window: IsolationWindow, residual: Vector, t: float) -> int:
-    """The residual (6,) [N, N m] at time t [s]; where to write the thrust asked."""
+    """Add the residual (6,) [N, N m] at time t [s]; return the row of `asked` for the thrust of
+    then.
+    """
     slot = window.count % len(window.time)
     for k in range(6):
         window.seen[slot][k] = residual[k] / window.scale[k]
@@ -104,7 +108,7 @@ def _precedes(window: IsolationWindow, best: int, total: float, first: int, n: i
 
 
 def _lead(window: IsolationWindow, total: float, first: int, n: int) -> int:
-    """The thruster that explains most, at the delay at which any does."""
+    """Return the thruster that explains most, at the delay at which any explains most."""
     best_explained = -1.0
     best = 0
     delay = 0
@@ -125,8 +129,8 @@ def _lead(window: IsolationWindow, total: float, first: int, n: int) -> int:
 
 
 def _changes(window: IsolationWindow, first: int, n: int) -> float:
-    """Sum of squares of the changes of the residual in n looks, which are laid out along all
-    directions.
+    """Compute the sum of squares of the changes of the residual in n samples, and project these on
+    all directions.
     """
     mean = zeros(6)
     total = 0.0

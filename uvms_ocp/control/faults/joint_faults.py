@@ -1,4 +1,4 @@
-"""Joints that are asked to move, are pushed, and do not, as kernels."""
+"""Detect joints that are asked to move, are pushed, and stay where they are, as kernels."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class JointFaultMemory(Layout):
     count: int
     """Joints."""
     effort: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [N m or N] limits."""
+    """(n_joints,) [N m or N] limits of the motors."""
     started: bool
     t: float
     """[s] of the last look."""
@@ -34,17 +34,17 @@ class JointFaultMemory(Layout):
     moved: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad or m] ways of late that were measured."""
     since: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [s] from which on it stands and resists; infinity where it does not. Of what is
-    jammed it stays.
+    """(n_joints,) [s] time since when a joint stands and resists; infinity where it does not. Kept
+    for a jammed joint.
     """
     jammed: Annotated[list[bool], Sized("n_joints")]
-    """(n_joints,)"""
+    """(n_joints,) which joints are jammed."""
     found: Annotated[list[bool], Sized("n_joints")]
-    """(n_joints,) jammed, by the last look."""
+    """(n_joints,) which joints the last sample has found jammed."""
 
 
 def reset_joints(joint_faults: JointFaultMemory) -> None:
-    """Encoders are silent or doubted."""
+    """Forget the ways of the joints, as encoders that are silent or doubted tell none."""
     joint_faults.started = False
     for j in range(joint_faults.count):
         joint_faults.asked[j] = 0.0
@@ -61,7 +61,7 @@ def detect_joint_faults(
     m] where they are, by the way they went, at time t [s].
 
     resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors
-    and model. Whether any was found jammed.
+    and model. Return whether any was found jammed.
     """
     keep = math.exp(-(t - joint_faults.t) / _MEMORY)
     any_found = False

@@ -196,8 +196,8 @@ class ActuatorMonitor:
 
     @property
     def faulty(self) -> str:
-        """All that is faulty, in a few words, such as ``thruster3 dead, joint2 jammed``; empty
-        where nothing is.
+        """Faulty thrusters and joints, in a few words, such as ``thruster3 dead, joint2 jammed``;
+        empty where all are sound.
         """
         faults = list[str]()
         for k, thruster in enumerate(self.thrusters, start=1):

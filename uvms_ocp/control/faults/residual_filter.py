@@ -25,7 +25,9 @@ class FilteredCommands:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ResidualFilter:
-    """The law of it."""
+    """Low-pass filter of commanded thrust, to compare it with the residual of the observer, which
+    lags as much.
+    """
 
     share: float
     """Share of the distance to a new thrust that the filter goes in a tick."""
@@ -33,7 +35,7 @@ class ResidualFilter:
     """Ticks from look to look."""
 
     def after(self, before: FilteredCommands, thrust: Array, reference: Array) -> FilteredCommands:
-        """A tick later.
+        """Return the filtered commands a tick later.
 
         thrust (n_thrusters,) [N] asked of thrusters that all follow; reference (n_v,) [m/s, rad/s]
         of the velocity.
@@ -49,7 +51,7 @@ class ResidualFilter:
 def residual_filter_for(
     tuning: ActuatorHealthTuning, *, bandwidth: float, dt: float
 ) -> ResidualFilter:
-    """Bandwidth [rad/s] of the residual; dt [s] of a tick."""
+    """Return the filter for a residual of a bandwidth [rad/s]; dt [s] of a tick."""
     return ResidualFilter(
         share=1.0 - math.exp(-bandwidth * dt), every=max(1, round(tuning.sample_time / dt))
     )

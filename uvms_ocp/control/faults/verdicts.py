@@ -30,16 +30,18 @@ class ThrusterEffectiveness(Layout):
 
     @staticmethod
     def sound(n: int) -> ThrusterEffectiveness:
-        """N thrusters that do what they are asked."""
+        """Return the effectiveness of n thrusters that do what they are asked."""
         return ThrusterEffectiveness(share=np.ones(n), constant=np.zeros(n))
 
     @property
     def works(self) -> Array:
-        """(n_thrusters,) whether anything follows the command at all."""
+        """Which thrusters (n_thrusters,) follow their commands at all."""
         return self.share != 0.0
 
     def given(self, commanded: Array) -> Array:
-        """Thrust in the water (n_thrusters,) [N] for the asked one (n_thrusters,) [N]."""
+        """Compute the thrust in the water (n_thrusters,) [N] for the commanded one (n_thrusters,)
+        [N].
+        """
         return self.share * commanded + self.constant
 
     def asked(self, delivered: Array) -> Array:
@@ -52,9 +54,7 @@ class ThrusterEffectiveness(Layout):
 
 
 def effective_thrust(effectiveness: ThrusterEffectiveness, i: int, commanded: float) -> float:
-    """Compute the thrust [N] of thruster i for that asked [N], as `ThrusterEffectiveness.given`
-    does. A kernel.
-    """
+    """Compute the thrust in the water [N] of thruster i for the commanded one [N]. A kernel."""
     return effectiveness.share[i] * commanded + effectiveness.constant[i]
 
 
@@ -83,7 +83,7 @@ class FaultKind(enum.IntEnum):
 
     @property
     def word(self) -> str:
-        """Such as ``dead``."""
+        """Name of the fault in texts, such as ``dead``."""
         return self.name.lower()
 
 
@@ -115,7 +115,9 @@ class JointVerdict:
 
 
 def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
-    """One line on a faulty thruster, counted from 1 as in faults that are asked for."""
+    """Describe a faulty thruster in one line; number: counted from 1, as in the names of injected
+    faults.
+    """
     thruster = f"thruster{number} {verdict.kind.word} ({name})"
     if verdict.kind is FaultKind.STUCK:
         return (

@@ -50,25 +50,23 @@ _ARRAYS = (
 
 
 class AllocationMemory(Layout):
-    """Memory of an `Allocation`, whose fields are described there. Room for n thrusters, of which
-    `count` are there.
-    """
+    """Memory of an `Allocation`, with room for n thrusters, of which `count` are used."""
 
     count: int
     matrix: Annotated[list[Vector], Sized("m", "n")]
-    """(6, n) [N/N, N m/N]"""
+    """(6, n) [N/N, N m/N] wrench about the origin of B by the thrust of each thruster."""
     lower: Annotated[Vector, Sized("n")]
     """(n,) [N]"""
     upper: Annotated[Vector, Sized("n")]
     """(n,) [N]"""
     power_factor: Annotated[Vector, Sized("n")]
-    """(n,) [W/N^exponent]"""
+    """(n,) [W/N^exponent] electrical power is ``power_factor |thrust|^power_exponent``."""
     power_exponent: Annotated[Vector, Sized("n")]
     """(n,) """
     dead_zone: Annotated[Vector, Sized("n")]
     """(n,) [N]"""
     wrench_weight: Annotated[Vector, Sized("m")]
-    """(6,) [1/N, 1/(N m)]"""
+    """(6,) [1/N, 1/(N m)] weights of forces and moments where not all can be reached."""
     share: Annotated[Vector, Sized("n")]
     """(n,) [-] of `ThrusterEffectiveness`: thrust that comes, by thrust that is asked for."""
     constant: Annotated[Vector, Sized("n")]
@@ -84,11 +82,11 @@ class AllocationMemory(Layout):
     wrench: Annotated[Vector, Sized("m")]
     """(6,) [N, N m] asked for; given."""
     thrust: Annotated[Vector, Sized("n")]
-    """(n,) [N] as those of `AllocationResult`."""
+    """(n,) [N] thrust for the wrench, inside the limits."""
     reached: Annotated[Vector, Sized("m")]
     """(6,) [N, N m]"""
     within: Annotated[Vector, Sized("m")]
-    """(6,) [N, N m] that the limits allow, dead zones aside."""
+    """(6,) [N, N m] wrench that the limits allow, dead zones aside."""
     unreachable: Annotated[Vector, Sized("m")]
     """(6,) [N, N m]"""
     saturated: bool
@@ -113,8 +111,8 @@ def apply_effectiveness(allocation: AllocationMemory) -> None:
 
 
 def allocate_thrust(allocation: AllocationMemory) -> bool:
-    """Find the thrust for the wrench; whether that is a number, and one whose square is: if not,
-    there is none.
+    """Find the thrust for the wrench; return whether it and its square are finite: if not, there is
+    none.
     """
     finite = True
     for k in range(len(allocation.matrix)):
@@ -128,7 +126,7 @@ def allocate_thrust(allocation: AllocationMemory) -> bool:
 
 
 def _keep(allocation: AllocationMemory, i: int, to: int) -> None:
-    """Thruster i, which follows."""
+    """Copy the numbers of thruster i, which follows its commands, to a place among those that do."""
     remaining = allocation.left
     share = allocation.share[i]
     size = abs(allocation.share[i])
@@ -233,7 +231,7 @@ class Allocation:
         assign(memory, **{name: getattr(self, name) for name in _ARRAYS})
 
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
-        """Thrust for a wrench (6,) [N, N m] about the origin of B, in B.
+        """Compute the thrust for a wrench (6,) [N, N m] about the origin of B, in B.
 
         Raises `InvalidInput` unless it is finite, and below `LARGEST_WRENCH`.
         """
@@ -285,8 +283,8 @@ def allocation_of(
 
 
 def _least_constraint(robot: Robot) -> np.ndarray:
-    """Weights (6,) [-, 1/m] of forces and moments: 1 over the radius of gyration about each axis,
-    of all bodies at home.
+    """Return the weights (6,) [-, 1/m] of forces and moments: 1 over the radius of gyration about
+    each axis, of all bodies at home.
     """
     if not robot.n_vehicle:
         return np.ones(6)

@@ -41,7 +41,7 @@ class RealizedForce:
     torque: np.ndarray
     """(n_joints,) [N m or N], inside the limits."""
     force: np.ndarray
-    """(n_v,) [N, N m] that both give."""
+    """(n_v,) [N, N m] generalized force of thrusters and motors together."""
 
 
 class Actuators:
@@ -123,7 +123,7 @@ class TrackingGains:
 
 
 def feedback_gains(robot: Robot, gains: TrackingGains) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness (n_v,) [1/s^2] and damping (n_v,) [1/s] of every axis."""
+    """Return the stiffness (n_v,) [1/s^2] and damping (n_v,) [1/s] of every axis."""
     n = [robot.n_vehicle, robot.n_joints]
     return (
         np.repeat([gains.vehicle_stiffness, gains.joints_stiffness], n),
@@ -141,7 +141,7 @@ OPEN_LOOP = TrackingGains(
 
 
 def undriven_axes(robot: Robot) -> np.ndarray:
-    """Orthonormal directions (n_v, k) of a generalized force that neither thrusters nor motors
+    """Return orthonormal directions (n_v, k) of generalized force that neither thrusters nor motors
     give, such as a moment about the pitch axis.
     """
     n = robot.n_vehicle
@@ -172,7 +172,7 @@ class RateLimiter:
     """
 
     def __init__(self, robot: Robot, limit: np.ndarray, dt: float) -> None:
-        """Limit (n_v,) [m/s, rad/s], infinite where there is none. dt [s]: control period."""
+        """limit (n_v,) [m/s, rad/s]: infinite where there is none. dt [s]: control period."""
         n, m = robot.n_vehicle, robot.n_joints
         self._limit = _ASKED_RATE * limit
         braking = np.repeat([_VEHICLE_BRAKING, _JOINTS_BRAKING], [n, m])
@@ -190,9 +190,9 @@ class RateLimiter:
 
 
 def held_inertia(M: np.ndarray, slope: np.ndarray, dt: float) -> np.ndarray:
-    """Inertia (n_v, n_v) [kg, kg m, kg m2] for the mean acceleration over a tick of dt [s] in which
-    a force is held and drag grows: ``M x / (1 - exp(-x))`` of ``x = dt M^-1 slope``, to third order
-    in x, so that it is right to 15 % until x = 5.
+    """Compute the inertia (n_v, n_v) [kg, kg m, kg m2] for the mean acceleration over a tick of dt
+    [s] in which a force is held and drag grows: ``M x / (1 - exp(-x))`` of ``x = dt M^-1 slope``,
+    to third order in x, so that it is right to 15 % until x = 5.
 
     M (n_v, n_v) [kg, kg m, kg m2]; slope (n_v, n_v) [N/(m/s), N m/(rad/s)] of drag.
     """
@@ -201,7 +201,8 @@ def held_inertia(M: np.ndarray, slope: np.ndarray, dt: float) -> np.ndarray:
 
 
 class ComputedTorque:
-    """The law of one robot. Holds the modelled state of its actuators: build one per run.
+    """Computed-torque control of one robot. Holds the modelled state of its actuators: build one
+    per run.
 
     With feedback thrusters are asked for the force of the state in which it will act, which is
     later than now by their lag. The motors of the joints are asked for what their accelerations take
@@ -237,7 +238,9 @@ class ComputedTorque:
 
     @property
     def force(self) -> np.ndarray:
-        """Generalized force (n_v,) [N, N m] now, as `Actuators.force`."""
+        """Generalized force (n_v,) [N, N m] now: thrusters as they follow their commands, motors as
+        last asked.
+        """
         return self._actuators.force
 
     def correction(self, error: np.ndarray, rate_error: np.ndarray) -> np.ndarray:

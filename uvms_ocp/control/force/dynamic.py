@@ -35,7 +35,7 @@ from uvms_ocp.types import Lead, Magnitude
 _feedback = unchecked_constructor(ActuationFeedback)
 
 DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
-"""For faulty thrusters and joints, by default."""
+"""Tuning of the search for faulty thrusters and joints, by default."""
 _JOINT_CHANNELS = (ENCODERS, JOINT_RATES)
 _NEARLY = 0.999  # of a limit of thrust counts as at it
 
@@ -155,7 +155,8 @@ class DynamicController(TableDisplay):
     def catch_up(
         self, estimate: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]
     ) -> None:
-        """Take note of what kernels alone have done, as `KinematicController.catch_up`.
+        """Take note of what kernels alone have done for so many ticks, the last with this estimate
+        at t [s].
 
         at_limits: which thrusters were at their limits when they last were, up to the tick before.
         """
@@ -167,7 +168,7 @@ class DynamicController(TableDisplay):
         self._report(t)
 
     def _report(self, t: float) -> None:
-        """Log what was found out at time t [s]."""
+        """Log at time t [s] that brakes were locked, and what fault detection has changed."""
         joint = self.memory.overspeed.joint
         if joint >= 0:
             lock = self.memory.overspeed.lock

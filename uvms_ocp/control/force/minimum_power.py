@@ -38,7 +38,7 @@ class PowerMemory(Layout):
     exponent: Annotated[Vector, Sized("n")]
     """(n,) """
     largest: Annotated[Vector, Sized("n")]
-    """(n,) [N] thrust."""
+    """(n,) [N] largest thrust."""
     # found by `prepare_minimum_power`
     quadratic: Annotated[Vector, Sized("n")]
     """(n,) [W/N^2] weights of the parabolas that meet the power at the largest thrust."""
@@ -53,7 +53,7 @@ class PowerMemory(Layout):
 
 
 def prepare_minimum_power(power: PowerMemory) -> None:
-    """Find what is the same for every wrench."""
+    """Prepare the inverse and the null space of the thruster matrix, which serve every wrench."""
     exponent = 1.0
     for i in range(power.count):
         power.largest[i] = max(power.largest[i], _SMALLEST)
@@ -78,7 +78,8 @@ def minimum_power(power: PowerMemory, wrench: Vector, thrust: Vector) -> None:
 
 
 def majorizing_weight(factor: float, exponent: float, largest: float, thrust: float) -> float:
-    """Weight [W/N^2] of the parabola that has the slope of the power ``factor |T|^exponent`` at a thrust T [N].
+    """Return the weight [W/N^2] of the parabola that has the slope of the power ``factor
+    |T|^exponent`` at a thrust T [N].
 
     factor [W/N^exponent]; exponent; largest [N] thrust.
     """
@@ -89,7 +90,7 @@ def majorizing_weight(factor: float, exponent: float, largest: float, thrust: fl
 
 
 def _invert(power: PowerMemory, k: int) -> None:
-    """Column k of the inverse."""
+    """Write column k of the inverse."""
     for row in range(len(power.matrix)):
         power.inner.b[row] = 1.0 if row == k else 0.0
         for i in range(power.count):
@@ -152,7 +153,7 @@ def _take_from(x: Vector, direction: Vector, n: int) -> None:
 
 
 def _reduce_power(power: PowerMemory, thrust: Vector) -> None:
-    """One step to less power."""
+    """Move the thrust by one step to less power."""
     weight = zeros(len(power.factor))
     for i in range(power.count):
         weight[i] = majorizing_weight(
@@ -194,15 +195,15 @@ class LimitedThrustMemory(Layout):
     wrench: Annotated[Vector, Sized("m")]
     """(6,) [N, N m] asked for."""
     unbounded: Annotated[Vector, Sized("n")]
-    """(n,) [N] thrust of least power for it, limits aside."""
+    """(n,) [N] thrust of least power for the wrench, limits aside."""
     within: Annotated[Vector, Sized("n")]
     """(n,) [N] inside the limits, dead zones aside."""
     thrust: Annotated[Vector, Sized("n")]
-    """(n,) [N] the answer."""
+    """(n,) [N] thrust for the wrench, inside the limits and outside the dead zones."""
 
 
 def limited_thrust(allocation: LimitedThrustMemory) -> bool:
-    """Find the thrust; whether the limits keep the wrench from being reached."""
+    """Find the thrust for the wrench; return whether the limits keep the wrench from being reached."""
     n = allocation.problem.columns
     inside = True
     for i in range(n):
@@ -217,7 +218,9 @@ def limited_thrust(allocation: LimitedThrustMemory) -> bool:
 
 
 def _bounded(allocation: LimitedThrustMemory) -> None:
-    """Inside the limits: of least quadratic power, then step by step of least power."""
+    """Find thrust inside the limits: of least quadratic power first, then step by step of least
+    power.
+    """
     n = allocation.problem.columns
     before = zeros(len(allocation.thrust))
     allocation.problem.weight[:n] = allocation.powers.quadratic[:n]
@@ -248,8 +251,8 @@ def _touch(allocation: LimitedThrustMemory) -> None:
 
 
 def _solve(allocation: LimitedThrustMemory, started: bool) -> None:
-    """The thrust for the weights and limits in the problem; started: from the thrust that there
-    is.
+    """Solve for the thrust with the weights and limits in the problem; started: begin from the
+    present thrust.
     """
     n = allocation.problem.columns
     for k in range(allocation.problem.rows):

@@ -23,11 +23,11 @@ class ObserverDynamics(Protocol):
     @property
     def links(self) -> Sized: ...
     def mass_matrix(self, q: ca.SX) -> ca.SX:
-        """M (n_v, n_v) [kg, kg m, kg m2] at q (n_q,) [m, rad]."""
+        """Return the mass matrix M (n_v, n_v) [kg, kg m, kg m2] at q (n_q,) [m, rad]."""
 
     def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
-        """Acceleration (n_v,) [m/s2, rad/s2] under tau (n_v,) [N, N m] at q (n_q,) [m, rad] and v
-        (n_v,) [m/s, rad/s].
+        """Return the acceleration (n_v,) [m/s2, rad/s2] under tau (n_v,) [N, N m] at q (n_q,) [m,
+        rad] and v (n_v,) [m/s, rad/s].
 
         u (3, n_links) [m/s] and Du_Dt (3, n_links) [m/s2]: of the water at the links, in W.
         """
@@ -38,7 +38,7 @@ class ObserverState:
     """State of an observer."""
 
     estimate: Array
-    """D (n_v,) [N, N m]"""
+    """(n_v,) [N, N m] estimate of the disturbance d."""
     lead: Array
     """(n_v,) [N, N m] from d to itself with one lag 1 / w less, and so more noise."""
     v_hat: Array
@@ -58,7 +58,7 @@ class ObserverLaw:
     """
 
     bandwidth: Array
-    """W (n_v,) [rad/s]"""
+    """(n_v,) [rad/s] bandwidth w of each axis."""
     limit: np.ndarray
     """(n_v,) [N, N m] of d, both ways."""
     dt: float
@@ -82,7 +82,7 @@ class ObserverLaw:
         share: ca.SX,
         current: ca.DM | None = None,
     ) -> ObserverState:
-        """After a tick with measured q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+        """Return the state after a tick with estimated q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
         tau (n_v,) [N, N m] has acted since the last one. share (n_v,): of the bandwidth, as much as
         v bears now. Drag is that of the measured velocity in a current (3,) [m/s] in W, by default
@@ -110,7 +110,7 @@ class ObserverLaw:
         one tick.
 
         An observer is linear in what disturbs it, until its limit. M (n_v, n_v) [kg, kg m, kg m2];
-        share (n_v,) as above.
+        share (n_v,): of the bandwidth that each axis has now.
         """
         w = self.bandwidth * share
         D, L_transposed, order = ca.ldl(M, False)
@@ -131,7 +131,9 @@ def _coupled(M: ca.SX, gain: ca.SX) -> ca.SX:
 
 
 def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:
-    """Y (n,) [any] within limit (n,) [any] both ways; what is no number stays none."""
+    """Limit y (n,) to a range from -limit to limit (n,), all in one unit; what is no number stays
+    none.
+    """
     bound = ca.DM(limit)
     return ca.if_else(y > bound, bound, ca.if_else(y < -bound, -bound, y))
 
@@ -176,7 +178,7 @@ class DisturbanceObserver:
         self._follows = np.zeros(1)
 
     def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """D (n_v,) [N, N m] after a tick, as `ObserverLaw.after` has it.
+        """Return the disturbance d (n_v,) [N, N m] after a tick in which tau has acted.
 
         q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], tau (n_v,) [N, N m].
         """

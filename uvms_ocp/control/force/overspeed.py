@@ -41,14 +41,15 @@ class OverspeedMemory(Layout):
     before_t: float
     """[s] time of the tick before."""
     doubted_until: float
-    """[s]"""
+    """[s] time until which posture and load count as doubtful."""
     locked_until: float
-    """[s]"""
+    """[s] time until which brakes are locked."""
     lock: float
-    """[s] shortest duration of the last lock, 0 before the first since the posture was sound."""
+    """[s] shortest duration of the last lock; 0 before the first one since the posture was sound.
+    """
     thrown: bool
-    """True where the joint came to its limit within one tick: let go, it would do so again before the
-    brakes can act.
+    """True where the joint came to its limit within one tick: let go, it would do so again before
+    the brakes can act.
     """
     joint: int
     """Joint that locked the brakes in this tick, -1 for none."""

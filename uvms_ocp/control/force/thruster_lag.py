@@ -20,7 +20,7 @@ class ThrusterLag:
     upper: np.ndarray
     """(n,) [N]"""
     lead: np.ndarray
-    """(n,) so many times faster than their lag they are driven."""
+    """(n,) times that thrusters are driven faster than their lag."""
     decay: np.ndarray
     """(n,) share of the distance from its command that a thruster keeps over a tick."""
     mean_decay: np.ndarray
@@ -43,8 +43,8 @@ class ThrusterLag:
         return command + (thrust - command) * self.decay
 
     def mean(self, thrust: Array, command: Array) -> Array:
-        """Mean thrust (n,) [N] over the tick that begins with this thrust (n,) [N] and command (n,)
-        [N].
+        """Compute the mean thrust (n,) [N] over the tick that begins with this thrust (n,) [N] and
+        command (n,) [N].
         """
         return command + (thrust - command) * self.mean_decay
 

@@ -49,8 +49,8 @@ class ForceMemory(Layout):
     """Memory of a tick: functions, inputs, state and outputs."""
 
     transfer: FunctionField
-    """Function of `transfer_function`; the next three as `observe_function`, `control_function` and
-    `command_function` do.
+    """Functions of a tick, in their order: `transfer_function`, `observe_function`,
+    `control_function` and `command_function` make them.
     """
     observe: FunctionField
     control: FunctionField
@@ -64,7 +64,7 @@ class ForceMemory(Layout):
     joint_bandwidth_share: float
     """Largest share of their bandwidth that the loops of the joints may use."""
     joints_late: float
-    """[s] by which encoders are known to be late."""
+    """[s] delay of the encoders that is known."""
     measures_joint_rates: bool
     """Sensors of their own tell the joints' rates."""
     # inputs of a tick; of `inputs` all but `joints`, which the tick finds
@@ -256,7 +256,7 @@ def _is_possible(force: ForceMemory) -> bool:
 
 
 def ask_forces(tick: TickMemory, force: ForceMemory) -> None:
-    """Give the force layer the velocity to track. A kernel, as the next."""
+    """Give the force layer the velocity to track. A kernel."""
     less = tick.restriction
     force.inputs.q[:] = tick.q
     force.inputs.v[:] = tick.v
@@ -276,7 +276,7 @@ def ask_forces(tick: TickMemory, force: ForceMemory) -> None:
 
 
 def hear_forces(tick: TickMemory, force: ForceMemory) -> None:
-    """Tell the layer of velocities what the force layer met in the last tick."""
+    """Tell the velocity layer what the force layer met in the last tick. A kernel."""
     tick.distress.short = force.allocation.saturated
     tick.distress.push = force.outputs.push[0]
     tick.distress.spent = force.state.spent[0]
@@ -332,7 +332,8 @@ class ForceTick:
         """Set the inputs: q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as estimated, and the command
         of velocities.
 
-        feedback: of vehicle and joints, and turning, as in `ForceInputs`.
+        feedback: shares of their bandwidth that the loops of the vehicle and of the joints come to.
+        turning: the angular velocity is to be trusted though the linear one is not.
         """
         inputs = self.inputs
         inputs.q[:] = q
@@ -354,8 +355,9 @@ class ForceTick:
     ) -> list[np.ndarray]:
         """Run the tick at time t [s] and return the parts of `ForceOutputs`, which the caller owns.
 
-        joint_age [s], encoders_trusted, joint_rates_lost: as `ForceMemory` has them. Raises
-        `InvalidInput` for a force that is not finite, or that is beyond `LARGEST_WRENCH`.
+        joint_age [s]: of the encoders' readings. encoders_trusted: nothing speaks against them.
+        joint_rates_lost: the sensors of joint rates are lost. Raises `InvalidInput` for a force
+        that is not finite, or that is beyond `LARGEST_WRENCH`.
         """
         memory = self.memory
         memory.t = t

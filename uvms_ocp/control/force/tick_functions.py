@@ -60,7 +60,7 @@ class ForceInputs(Layout):
     feedback: Annotated[Array, Sized(1)]
     """(1,) share of their bandwidth that the loops of the vehicle come to."""
     joint_feedback: Annotated[Array, Sized(1)]
-    """(1,) the same of the joints."""
+    """(1,) share of their bandwidth that the loops of the joints come to."""
     hold: Annotated[Array, Sized(1)]
     """(1,) 1: the vehicle's velocity is not to be trusted."""
     turning: Annotated[Array, Sized(1)]
@@ -84,23 +84,24 @@ class ForceState(Layout):
     estimate: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m] disturbance."""
     lead: Annotated[Array, Sized("n_v")]
-    """(n_v,) [N, N m] as `ObserverState.lead`."""
+    """(n_v,) [N, N m] from the estimate to one with one lag less, and so more noise."""
     v_hat: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] that the observer expects."""
     follows: Annotated[Array, Sized(1)]
     """(1,) 1 where v_hat is known."""
     share: Annotated[Array, Sized("n_v")]
-    """(n_v,) of the bandwidth."""
+    """(n_v,) share of the bandwidth that each axis has."""
     integral: Annotated[Array, Sized("n_v")]
-    """(n_v,) [m, rad] of the error."""
+    """(n_v,) [m, rad] integral of the velocity error."""
     before: Annotated[Array, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] the last reference."""
+    """(n_v,) [m/s, rad/s] reference of the tick before."""
     asked: Annotated[Array, Sized("n_thrusters")]
-    """(n_thrusters,) [N] as `FilteredCommands.thrust`."""
+    """(n_thrusters,) [N] commanded thrust, filtered as the observer filters the residual."""
     way: Annotated[Array, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] as `FilteredCommands.way`."""
+    """(n_v,) [m/s, rad/s] sum of the reference velocities since the last look of fault detection.
+    """
     ticks: Annotated[Array, Sized(1)]
-    """(1,) as `FilteredCommands.ticks`."""
+    """(1,) ticks since the last look of fault detection."""
     watch: Annotated[Array, Sized(1)]
     """(1,) a `MonitorStep`."""
     spent: Annotated[Array, Sized(1)]
@@ -118,14 +119,16 @@ class DesiredForce(Layout):
     force: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m]"""
     wrench: Annotated[Array, Sized(6)]
-    """(6,) [N, N m] of it, of thrusters."""
+    """(6,) [N, N m] part of the force that the thrusters are to give."""
     torque: Annotated[Array, Sized("n_joints")]
-    """(n_joints,) [N m or N] of it, inside the limits."""
+    """(n_joints,) [N m or N] part of the force that the joint motors are to give, inside their
+    limits.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class AllocatedThrust(Layout):
-    """Thrust allocated to the desired force, as `AllocationResult`."""
+    """Thrust allocated to the desired force, and how much of its wrench that reaches."""
 
     thrust: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N]"""
@@ -205,14 +208,14 @@ class ForceLaws:
     lift: float
     """[N] of all thrusters at most; 0 where none lifts, and no push is measured by it."""
     derating: BandwidthDerating = field(default_factory=BandwidthDerating)
-    """For the dead time of the sensors."""
+    """Derating of the bandwidths for the dead time of the sensors."""
     measures_joint_rates: bool = False
     """Sensors of their own tell the joints' rates."""
     observer: ObserverLaw | None = None
     residual_filter: ResidualFilter | None = None
     """Filter of the actuator monitor, where there is one."""
     search: ActuatorHealthTuning | None = None
-    """For faulty thrusters and joints, with what is taken in; `None` for none."""
+    """Tuning of the search for faulty thrusters and joints; `None` searches for none."""
     gains: ca.SX = field(default_factory=partial(ca.SX, 0, 1))
     """Gains that are symbols, the last input of functions that are made of these laws; none where
     all are numbers.
@@ -220,7 +223,7 @@ class ForceLaws:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Sizes of the columns, as `column_sizes`."""
+        """Sizes of the robot that columns are declared with, by name."""
         return column_sizes(self.robot)
 
     @property
@@ -230,7 +233,9 @@ class ForceLaws:
 
 
 def with_gains(make: Callable[[ForceLaws], ca.Function], laws: ForceLaws) -> ca.Function:
-    """The function that `make` makes of the laws, whose code is the same for all gains."""
+    """Make a function of the laws whose code is the same for all gains, which become its last
+    input.
+    """
     velocity = laws.velocity
     observer = laws.observer
     values = [velocity.K_p, velocity.reset]

@@ -46,8 +46,8 @@ class VelocityLaw:
     def force(
         self, q: ca.SX, v: ca.SX, before: ca.SX, error: ca.SX, integral: ca.SX, share: ca.SX
     ) -> ca.SX:
-        """Generalized force (n_v,) [N, N m] at q (n_q,) [m, rad] for the reference v (n_v,) [m/s,
-        rad/s], which was `before`.
+        """Compute the generalized force (n_v,) [N, N m] at q (n_q,) [m, rad] for the reference v
+        (n_v,) [m/s, rad/s], which was `before` one tick ago.
 
         error (n_v,) [m/s, rad/s] of the velocity, integral (n_v,) [m, rad] of it; share (n_v,) of
         the bandwidth.
@@ -59,10 +59,11 @@ class VelocityLaw:
         return self.dynamics.inverse_dynamics(q, v, a, still, still) + ca.mtimes(damping, lasting)
 
     def bumpless(self, q: ca.SX, v: ca.SX, integral: ca.SX, share: ca.SX, before: ca.SX) -> ca.SX:
-        """Bumpless transfer: the integral (n_v,) [m, rad] that each axis keeps its lasting force
-        with at another share.
+        """Transfer without a bump: return the integral (n_v,) [m, rad] with which each axis keeps
+        its lasting force at another share of the bandwidth.
 
-        q, v and share as in `force`; before (n_v,): the share so far.
+        q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s]: reference; share (n_v,): of the bandwidth from now
+        on; before (n_v,): the share so far.
         """
         damping = self.dynamics.damping_matrix(q, v, ca.SX(3, len(self.dynamics.links)))
         drag = ca.diag(damping) / ca.diag(self.dynamics.mass_matrix(q))
@@ -71,8 +72,8 @@ class VelocityLaw:
         return integral * stiffness_before / stiffness
 
     def integrated(self, integral: ca.SX, error: ca.SX, desired: ca.SX, reached: ca.SX) -> ca.SX:
-        """The integral (n_v,) [m, rad] a tick later; error (n_v,) [m/s, rad/s], forces (n_v,) [N, N
-        m].
+        """Return the integral (n_v,) [m, rad] a tick later; error (n_v,) [m/s, rad/s]; desired and
+        reached forces (n_v,) [N, N m].
 
         Conditional integration: an axis whose force falls short does not wind up further in that
         direction.
@@ -84,14 +85,14 @@ class VelocityLaw:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DeadTimes:
-    """After which motion is seen at the soonest."""
+    """Times after which sensors show a motion at the soonest."""
 
     vehicle: float = 0.0
-    """[s]"""
+    """[s] dead time of the vehicle's linear velocity."""
     turning: float = 0.0
-    """[s] of the vehicle, without its translation."""
+    """[s] dead time of the vehicle's angular velocity."""
     joints: float = 0.0
-    """[s]"""
+    """[s] dead time of the joints' velocities."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,14 +100,16 @@ class BandwidthDerating:
     """Bandwidth derating for dead time: shares that the loops keep."""
 
     vehicle: float = 1.0
+    """Share of its bandwidth that the loop of the vehicle keeps."""
     joints: float = 1.0
+    """Share of their bandwidth that the loops of the joints keep."""
     joints_late: float = 0.0
     """[s] dead time of the joints."""
 
 
 def dead_times(specs: SensorSpecs) -> DeadTimes:
-    """Dead times of the fastest velocity sensors; fixes give the linear one where there is no
-    DVL.
+    """Return the dead times of the fastest velocity sensors; fixes give the linear one where there
+    is no DVL.
     """
     linear = _soonest(specs.linear_velocity or specs.position)
     turning = _soonest(specs.angular_velocity, specs.attitude)

@@ -40,13 +40,15 @@ class ActuationFeedback:
     fault: str = ""
     """Fault of thrusters or joints without which the mission cannot go on."""
     fault_summary: str = ""
-    """All that is known to be faulty of them, such as ``thruster3 dead``."""
+    """Thrusters and joints that are known to be faulty, such as ``thruster3 dead``; empty where all
+    are sound.
+    """
     jammed: tuple[int, ...] = ()
     """Axes of v that do not move whatever is asked."""
 
 
 class AbortReason(IntEnum):
-    """A mission is to be given up."""
+    """Reason to give the mission up, by its code."""
 
     NOTHING = 0
     FAULT = 1
@@ -66,62 +68,67 @@ class AbortMemory(Layout):
     """
 
     aborts: bool
-    """There is an abort phase."""
+    """True where the mission has an abort phase."""
     time_limit: float
-    """[s] as the next five of `Abort`."""
+    """[s] `Abort.time_limit`."""
     stall_after: float
-    """[s]"""
+    """[s] time without progress after which the mission stalls."""
     thrust_after: float
-    """[s]"""
+    """[s] time with thrusters at their limits after which thrust is short."""
     runaway_after: float
-    """[s]"""
+    """[s] time for which errors may grow at the thrusters' limits."""
     contact: float
+    """Upward force that the model does not know, as a share of the largest of the thrusters, from
+    which on something bears the vehicle.
+    """
     contact_after: float
-    """[s]"""
+    """[s] time for which something may bear the vehicle where it should be well above the floor."""
     sunk: float
     """[m] in the floor, from which on a hull, joint or tool counts as sunk."""
     sunk_since: float
-    """[s] since when it has been deeper than that in the floor; NaN: not asked yet."""
+    """[s] time since when something has been deeper in the floor than `sunk`; NaN: not asked yet.
+    """
     high: Annotated[list[int], Sized("n_tasks")]
     """(n_tasks,) which tasks keep the robot well above the floor."""
     short: bool
-    """See `ActuationFeedback`."""
+    """True where the limits of the thrusters kept them from what was asked for."""
     fault: bool
-    """There is one of `ActuationFeedback`."""
+    """True where the force layer has reported a fault without which the mission cannot go on."""
     push: float
-    """See `ActuationFeedback`."""
+    """Upward force on the vehicle that the model does not know, as a share of the largest of the
+    thrusters.
+    """
     spent: float
-    """[J] See `ActuationFeedback`."""
+    """[J] electrical energy used so far; NaN where it is not known."""
     pushed: bool
     """Something under the vehicle bears it where it should be well above the floor."""
     contact_since: float
-    """[s] NaN: not asked yet, as of the next two."""
+    """[s] time since when something under the vehicle bears it; NaN: not asked yet."""
     thrust_since: float
-    """[s]"""
+    """[s] time since when thrust is short; NaN: not asked yet."""
     stall_since: float
-    """[s]"""
+    """[s] time since when there is no progress; NaN: not asked yet."""
     runaway_since: float
-    """[s] since when no error has shrunk, the next three of it; NaN: not asked yet."""
+    """[s] time since when no error has shrunk; NaN: not asked yet."""
     ticks: int
-    """Ticks since then."""
+    """Ticks since `runaway_since`."""
     short_ticks: int
-    """Ticks since then with thrusters at their limits."""
+    """Ticks since `runaway_since` with thrusters at their limits."""
     held: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [unit of the quantity] then."""
+    """(n_quantities,) [unit of the quantity] values at `runaway_since`."""
     crest: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [unit of the quantity] the largest of the two spans until then."""
+    """(n_quantities,) [unit of the quantity] largest values in the two spans until `runaway_since`.
+    """
     span_since: float
     """[s] since when the present span of `_CREST_SPAN` lasts."""
     span_crest: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [unit of the quantity] the largest of the present span."""
+    """(n_quantities,) [unit of the quantity] largest values in the present span."""
     last_crest: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [unit of the quantity] the largest of the span before."""
+    """(n_quantities,) [unit of the quantity] largest values in the span before."""
     began: float
     """[s] start of the phase that `best` belongs to."""
     best: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [unit of the quantity] the least that was missing to its limit in this
-    phase.
-    """
+    """(n_quantities,) [unit of the quantity] smallest distance to its limit in this phase."""
 
 
 def abort_reason(
@@ -137,8 +144,8 @@ def abort_reason(
     """Return the `AbortReason` to give up the mission at t [s]. A kernel. clearance [m]: above the
     floor, NaN for unknown.
 
-    gates, quantities [in their units], NaN where not known. hopeless: the thrust is cut, and
-    somebody has judged why. ended: by what the sensors told.
+    gates, quantities [in their units], NaN where not known. hopeless: the thrust is cut, and the
+    health monitor has judged why. ended: the restriction by sensors that are lost ends the mission.
     """
     abort.pushed = abort.aborts and abort.push > abort.contact and _is_high(abort, gates)
     if not abort.aborts:
@@ -176,7 +183,9 @@ def abort_reason(
 
 
 def _since(so: bool, since: float, t: float) -> float:
-    """Time [s] since when a condition holds: t where it holds no longer, or did not before."""
+    """Return the time [s] since when a condition holds: t where it holds no longer, or did not
+    before.
+    """
     if so and not math.isnan(since):
         return since
     return t

@@ -1,4 +1,4 @@
-"""Where the abort phase climbs to from where the robot is: straight up, upright."""
+"""Aim the climb of the abort phase: straight up from where the robot is, upright."""
 
 from __future__ import annotations
 
@@ -23,9 +23,13 @@ class AscentMemory(Layout):
     """The frame that climbs, and its goal."""
 
     pose: FunctionField
-    """Q to position (3,) [m] and rotation (9,) of the frame in W, column by column."""
+    """Function of q that gives position (3,) [m] and rotation (9,) of the frame in W, column by
+    column.
+    """
     altitude: float
-    """[m] above the floor, or the start of the phase, that is safe."""
+    """[m] height above the floor that is safe, or above the start of the phase where no floor is
+    known.
+    """
     place: Annotated[Vector, Sized(3)]
     """(3,) [m] of the frame in W."""
     rotation: Annotated[Vector, Sized(9)]
@@ -35,9 +39,10 @@ class AscentMemory(Layout):
 
 
 def aim_ascent(ascent: AscentMemory, q: Vector, floor: float) -> None:
-    """The goal from q [m, rad], which may show joints beyond their limits. A kernel.
+    """Write the goal of the climb from q [m, rad], which may show joints beyond their limits. A
+    kernel.
 
-    floor [m]: z in W of the highest that is known, NaN where none is to be believed.
+    floor [m]: z in W of the highest floor that is known, NaN where none is to be believed.
     """
     ascent.pose(q, ascent.place, ascent.rotation)
     yaw = math.atan2(ascent.rotation[1], ascent.rotation[0])
@@ -71,7 +76,9 @@ def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[
 
 @lru_cache(maxsize=8)
 def _climb_frame(robot: Robot, frame: str | None) -> ca.Function:
-    """Q -> position and rotation of a frame as in `AscentMemory`."""
+    """Make the function ``q -> position (3,) [m], rotation (9,)`` of a frame in W; at the origin
+    without a frame.
+    """
     q = ca.SX.sym("q", robot.n_q)
     R_WF = ca.SX.eye(3)
     p_WF = ca.SX.zeros(3)
@@ -83,6 +90,6 @@ def _climb_frame(robot: Robot, frame: str | None) -> ca.Function:
 
 
 def ascent_goal(memory: AscentMemory) -> pin.SE3:
-    """The goal that `aim` has left in a `AscentMemory`."""
+    """Return the goal that `aim_ascent` has left in an `AscentMemory`."""
     goal = np.array(memory.goal)
     return pin.SE3(goal[3:].reshape(3, 3, order="F"), goal[:3])

@@ -30,11 +30,12 @@ class StopMemory(Layout):
     """
 
     step: FunctionField
-    """Q, v and the time to rest from it [s], to q one tick on and v then."""
+    """Function ``q, v, time to rest [s] -> q, v`` one tick later on the way to rest."""
     slower: FunctionField
-    """Q, v and the same time, to v one tick nearer to rest at q itself."""
+    """Function ``q, v, time to rest [s] -> v`` of a velocity one tick nearer to rest, at q itself.
+    """
     acceleration: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s2, rad/s2] finite."""
+    """(n_v,) [m/s2, rad/s2] acceleration of each axis as it brakes, finite."""
     dt: float
     """[s] control period."""
     time: float
@@ -54,12 +55,12 @@ class StopMemory(Layout):
     reach: Annotated[list[Vector], Sized("n_limits", "n_v")]
     """(n_limits, n_v) [m, or 1] upper bound on the rate of each position per unit of velocity."""
     room: Annotated[Vector, Sized("n_limits")]
-    """(n_limits,) [m] that is left before each limit at least."""
+    """(n_limits,) [m] room that is left before each limit, or less."""
 
 
 def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
-    """[s] that the slowest of n axes needs to rest from v [m/s, rad/s] at its `acceleration` [m/s2,
-    rad/s2]. A kernel.
+    """Return the time [s] that the slowest of n axes needs to rest from v [m/s, rad/s] at its
+    `acceleration` [m/s2, rad/s2]. A kernel.
     """
     time = 0.0
     for i in range(n):
@@ -68,12 +69,12 @@ def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
 
 
 def slow_down(stop: StopMemory, q: Vector, v: Vector, slower: Vector) -> None:
-    """V [m/s, rad/s] one tick nearer to rest, at q [m, rad]. A kernel."""
+    """Write the velocity [m/s, rad/s] one tick nearer to rest than v, at q [m, rad]. A kernel."""
     stop.slower(q, v, time_to_rest(stop.acceleration, v, len(stop.v)), slower)
 
 
 def begin_stop(stop: StopMemory, q: Vector, v: Vector) -> None:
-    """Begin at q [m, rad] with v [m/s, rad/s]. A kernel."""
+    """Begin a stop at q [m, rad] with v [m/s, rad/s]. A kernel."""
     stop.q[:] = q
     stop.v[:] = v
     stop.time = time_to_rest(stop.acceleration, stop.v, len(stop.v))
@@ -91,8 +92,8 @@ def step_stop(stop: StopMemory) -> None:
 
 
 def advance_stop(stop: StopMemory) -> int:
-    """Ticks until a limit may be reached, which one that is, or `NONE` where the robot rests
-    before. A kernel.
+    """Advance the stop by the ticks in which no limit can be reached; return the limit that may be
+    reached then, or `NONE` where the robot rests before. A kernel.
     """
     while True:
         for k in range(stop.n_limits):
@@ -122,7 +123,9 @@ def finite_acceleration(robot: Robot) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _functions(robot: Robot, dt: float) -> tuple[ca.Function, ca.Function]:
-    """Q, v, time to rest -> q one tick on, v then; and v alone, at q."""
+    """Make the functions ``q, v, time to rest -> q, v`` one tick later, and ``q, v, time to rest ->
+    v`` at q.
+    """
     acceleration = finite_acceleration(robot)
     q = ca.SX.sym("q", robot.n_q)
     v = ca.SX.sym("v", robot.n_v)

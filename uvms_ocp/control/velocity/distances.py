@@ -31,38 +31,39 @@ class PairsMemory(Layout):
     task: int
     """Index in the hierarchy."""
     first: int
-    """Index at which what is measured begins among the parameters of all tasks."""
+    """Index at which the measured distances begin among the parameters of all tasks."""
     n: int
     """Rows."""
     n_pairs: int
-    """All of them."""
+    """Number of pairs."""
     threshold: float
-    """[m]"""
+    """[m] distance that the task keeps."""
     in_c: bool
     """Kernels measure them in `distances`; Python is asked otherwise."""
     distances: DistanceMemory
     reach: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [-, m] of any pair's distance, infinite where nobody knows."""
-    counts: Annotated[list[int], Sized("n_pairs")]
-    """(n_pairs,) which are asked for."""
-    value: Annotated[Vector, Sized("n_pairs")]
-    """(n_pairs,) [m] distances of those where they were asked for last, or what they are not
-    below.
+    """(n_v,) [-, m] largest rate of any pair's distance per unit of velocity, infinite where it is
+    not known.
     """
+    counts: Annotated[list[int], Sized("n_pairs")]
+    """(n_pairs,) which pairs are measured."""
+    value: Annotated[Vector, Sized("n_pairs")]
+    """(n_pairs,) [m] distances where they were measured last, or lower bounds of them."""
     lowest: Annotated[Vector, Sized("n_pairs")]
-    """(n_pairs,) [m] smallest on the way; infinite of those that cannot come near."""
+    """(n_pairs,) [m] smallest distance on the way to rest; infinite where a pair cannot come near.
+    """
     bounded: Annotated[list[int], Sized("n_pairs")]
-    """(n_pairs,) of which `lowest` is no more than a bound from below."""
+    """(n_pairs,) pairs of which `lowest` is but a lower bound."""
     seen: Annotated[list[int], Sized("n_pairs")]
-    """(n_pairs,) place where it was measured last, if it was."""
+    """(n_pairs,) index of the place where a pair was measured last."""
     worst: Annotated[list[int], Sized("n_pairs")]
-    """(n_pairs,) where that is: 0 now, k at the k-th place."""
+    """(n_pairs,) index of the place of the smallest distance: 0 now, k at the k-th place."""
     chosen: Annotated[list[int], Sized("n_rows")]
     """(n,) pairs that come nearest."""
     taken: Annotated[list[int], Sized("n_pairs")]
-    """(n_pairs,) which they are."""
+    """(n_pairs,) which pairs are chosen."""
     gradient: Annotated[list[Vector], Sized("n_rows", "n_v")]
-    """(n, n_v) [-, m] of each at its place."""
+    """(n, n_v) [-, m] gradient of each chosen distance at its place."""
 
 
 class NearestMemory(Layout):
@@ -71,29 +72,29 @@ class NearestMemory(Layout):
     """
 
     n_asking: int
-    """Tasks that ask."""
+    """Number of tasks that ask for distances."""
     pairs: Annotated[list[PairsMemory], Sized("n_asking")]
-    """(n_asking,)"""
+    """(n_asking,) nearest pairs of each of these tasks."""
     integrate: FunctionField
-    """Q and a displacement (n_v,) [m, rad] to q."""
+    """Function ``q, displacement (n_v,) [m, rad] -> q`` there."""
     moves: bool
     """Coming to rest takes longer than a tick; the other fields have a meaning only then."""
     velocity: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] now."""
     duration: Annotated[Vector, Sized(1 + N_PLACES)]
-    """(1 + N_PLACES,) [s] at the present velocity, as each place is away."""
+    """(1 + N_PLACES,) [s] time at the present velocity to each place."""
     place: Annotated[list[Vector], Sized(1 + N_PLACES, "n_q")]
     """(1 + N_PLACES, n_q) [m, rad] configuration now, and at each place."""
     way: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m, rad] to a place."""
+    """(n_v,) [m, rad] displacement to a place."""
     ask: CallbackField
-    """The distances of `asked` at the place `at` of pairs that count; of those chosen whose worst
-    it is the gradients.
+    """Asks Python for the distances of the pairs of `asked` that count, at the place `at`, or for
+    the gradients of those chosen that are nearest there.
     """
     asked: int
-    """Index in `pairs`."""
+    """Index in `pairs` of what is asked for."""
     at: int
-    """Index of a place."""
+    """Index of the place at which it is asked for."""
     of_gradients: bool
     """Gradients are asked for, not distances."""
 
@@ -101,10 +102,11 @@ class NearestMemory(Layout):
 def place_along_stop(
     nearest: NearestMemory, q: Vector, v: Vector, acceleration: Vector, dt: float
 ) -> None:
-    """Places on the way to rest from q [m, rad] with v [m/s, rad/s], by `acceleration` [m/s2,
-    rad/s2]. A kernel.
+    """Place configurations along the way to rest from q [m, rad] with v [m/s, rad/s], by
+    `acceleration` [m/s2, rad/s2]. A kernel.
 
-    dt [s]: of a tick, within which a robot rests; infinite: nothing but q is looked at.
+    dt [s]: of a tick. Where the robot rests within it, as with an infinite one, there is no place
+    but q.
     """
     length = 0.5 * time_to_rest(acceleration, v, len(nearest.velocity))
     place = nearest.place[0]
@@ -120,8 +122,8 @@ def place_along_stop(
 
 
 def measure_pairs(nearest: NearestMemory, k: int, values: Vector) -> None:
-    """Write the distances of a task into the parameters [their units] of all, as
-    `NearestPairs.parameters`. A kernel.
+    """Measure the distances of a task, and write them into the parameters [their units] of all
+    tasks, in the order of `NearestPairs.parameters`. A kernel.
     """
     pair = nearest.pairs[k]
     nearest.asked = k
@@ -136,7 +138,7 @@ def measure_pairs(nearest: NearestMemory, k: int, values: Vector) -> None:
 
 
 def _look_around(nearest: NearestMemory, pairs: PairsMemory) -> None:
-    """All pairs now: their distances, or bounds of them."""
+    """Measure all pairs now: their distances, or bounds of them."""
     for i in range(pairs.n_pairs):
         pairs.counts[i] = 1
         pairs.worst[i] = 0
@@ -146,8 +148,8 @@ def _look_around(nearest: NearestMemory, pairs: PairsMemory) -> None:
 
 
 def _look_at(nearest: NearestMemory, pairs: PairsMemory, place: int, limit: float) -> None:
-    """Distances at a place; of a pair that is beyond the limit [m] there, or was nearer before, a
-    bound says as much.
+    """Measure distances at a place; for a pair that is beyond the limit [m] there, or was nearer
+    before, a bound is enough.
     """
     if not pairs.in_c:
         _ask_at(nearest, place, False)
@@ -172,8 +174,8 @@ def _ask_at(nearest: NearestMemory, place: int, of_gradients: bool) -> None:
 
 
 def _choose_nearest(pairs: PairsMemory) -> None:
-    """The pairs of the smallest distances, in their order; where they stand, those are measured
-    that only a bound is known of.
+    """Choose the pairs of the smallest distances, in their order; measure those of which only a
+    bound is known.
     """
     for i in range(pairs.n_pairs):
         pairs.taken[i] = 0
@@ -196,7 +198,9 @@ def _lowest_left(pairs: PairsMemory) -> int:
 
 
 def _follow_the_way(nearest: NearestMemory, pairs: PairsMemory) -> None:
-    """The smallest distance of each pair that may become one of the nearest."""
+    """Find the smallest distance on the way to rest of each pair that may become one of the
+    nearest.
+    """
     limit = pairs.lowest[pairs.chosen[pairs.n - 1]]
     way = _approach(nearest, pairs)
     for i in range(pairs.n_pairs):
@@ -214,7 +218,7 @@ def _follow_the_way(nearest: NearestMemory, pairs: PairsMemory) -> None:
 
 
 def _approach(nearest: NearestMemory, pairs: PairsMemory) -> float:
-    """[m] that any distance changes on the whole way at most."""
+    """Return the largest change [m] of any distance on the whole way to rest."""
     change = 0.0
     for i in range(len(nearest.velocity)):
         if nearest.velocity[i] != 0.0:
@@ -223,7 +227,7 @@ def _approach(nearest: NearestMemory, pairs: PairsMemory) -> float:
 
 
 def _take_gradients(nearest: NearestMemory, pairs: PairsMemory) -> None:
-    """Distances of the nearest pairs, each where it is nearest."""
+    """Measure the gradients of the nearest pairs, each where it is nearest."""
     for place in range(len(nearest.duration)):
         asks = False
         for row in range(pairs.n):

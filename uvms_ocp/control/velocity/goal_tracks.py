@@ -31,25 +31,25 @@ class TracksMemory(Layout):
     """[s] between samples."""
     n_tracks: int
     phase: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) in which each counts."""
+    """(n_tracks,) phase in which each track counts."""
     of_phase: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) which begin with it, and not at 0."""
+    """(n_tracks,) which tracks begin with their phase, and not at time 0."""
     place: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) first parameter of each, among those of all tasks."""
+    """(n_tracks,) index of the first parameter of each track, among those of all tasks."""
     width: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) parameters."""
+    """(n_tracks,) number of parameters of each track."""
     first: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) first number of each in `table`."""
+    """(n_tracks,) index of the first number of each track in `table`."""
     last: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) its last sample, where it rests."""
+    """(n_tracks,) index of the last sample of each track, where its goal rests."""
     table: Annotated[Vector, Sized("n_table")]
-    """(n_table,) [their units] the parameters of a sample after those of the one before."""
+    """(n_table,) [their units] parameters of all samples, one sample after the other."""
 
 
 def follow_tracks(
     tracks: TracksMemory, phase: int, of_phase: float, elapsed: float, values: Vector
 ) -> None:
-    """The parameters [their units] of all tasks whose goal in a phase moves. A kernel.
+    """Write the parameters [their units] of all tasks whose goal moves in a phase. A kernel.
 
     of_phase, elapsed: [s] since the start of the phase, and of the mission.
     """
@@ -59,7 +59,7 @@ def follow_tracks(
 
 
 def _sample(tracks: TracksMemory, k: int, t: float, values: Vector) -> None:
-    """Between two samples in proportion."""
+    """Interpolate linearly between two samples."""
     ticks = min(max(0.0, t / tracks.dt), float(tracks.last[k]))
     before = min(int(ticks), tracks.last[k] - 1)
     share = ticks - before
@@ -81,7 +81,7 @@ class Track:
     of_phase: bool
     """The track begins with the phase, not at time 0."""
     samples: np.ndarray
-    """(n, n_parameters) [their units]"""
+    """(n, n_parameters) [their units] parameters at multiples of the control period."""
 
 
 def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:

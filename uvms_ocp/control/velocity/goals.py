@@ -45,13 +45,13 @@ class GoalsMemory(Layout):
     """
 
     of_phase: Annotated[list[Vector], Sized("n_phases", "n_parameters")]
-    """(n_phases, n_parameters) [their units]"""
+    """(n_phases, n_parameters) [their units] parameters in each phase."""
     ascent_start: int
-    """Index at which the goal of the task that climbs begins among them."""
+    """Index of the first parameter of the goal of the task that climbs in the abort phase."""
     tracks: TracksMemory
     """Tables of goals that move and rest in the end."""
     values: Annotated[Vector, Sized("n_parameters")]
-    """(n_parameters,) [their units] of now."""
+    """(n_parameters,) [their units] parameters now."""
 
 
 def load_goals(
@@ -81,9 +81,9 @@ class _Asked:
     name: str
     """Name of the task."""
     place: slice
-    """Place of its goal among the parameters of all tasks."""
+    """Slice of its goal among the parameters of all tasks."""
     reference: Callable[[float], np.ndarray]
-    """Goal at a time [s], and behind it the places of distances."""
+    """Function of time [s] that gives the goal, with room for measured distances at its end."""
     of_phase: bool
     """True where the time is that since the start of the phase, and not of the mission."""
 
@@ -112,7 +112,9 @@ class MissionParameters:
         """Goals asked of the tasks, by phase."""
 
     def ask(self, state: MissionState, t: float) -> None:
-        """Complete what the kernel has taken for the tick at t [s]."""
+        """Ask the tasks for the moving goals that the kernel cannot evaluate, for the tick at t
+        [s].
+        """
         for goal_slot in self.asked[state.phase]:
             begin = state.since if goal_slot.of_phase else state.began
             goal = goal_slot.reference(t - begin)

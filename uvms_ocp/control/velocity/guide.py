@@ -1,4 +1,6 @@
-"""What may stand in for the hierarchy: a velocity from elsewhere, as long as it lasts."""
+"""Guide of a mission: velocities that replace those of the hierarchy, such as a plan's, until it
+gives up.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,11 @@ from uvms_ocp.control.velocity.tick_state import TickInputs
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GuideOutput:
-    """Output of a guide at a tick."""
+    """Velocity of a guide at a tick, or the reason why it gives up."""
 
     v: np.ndarray | None
-    """(n_v,) [m/s, rad/s] in place of what the hierarchy commands; `None` once and for all after it
-    is left to that.
+    """(n_v,) [m/s, rad/s] velocity in place of the hierarchy's; `None` from the tick on at which
+    the guide gives up.
     """
     why: str = ""
     """Reason why the guide is left, at the tick where that happens."""
@@ -38,4 +40,6 @@ class Guide(Protocol):
     def __call__(
         self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]
     ) -> GuideOutput:
-        """waiting: describes what the mission waits for; feedback: of the force layer."""
+        """Return the velocity for a tick. waiting: describes what the mission waits for. feedback:
+        of the force layer.
+        """

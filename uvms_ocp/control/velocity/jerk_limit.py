@@ -59,8 +59,8 @@ def unlimited_axes(robot: Robot) -> np.ndarray:
 
 
 def smooth_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Share (m,) of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to
-    arrive smoothly.
+    """Compute the share (m,) of the `desired` changes (m,) [any/s] that rates can make in this
+    tick, so as to arrive smoothly.
 
     acceleration (m,) [any/s2]: largest of each rate. dt [s].
     """
@@ -68,11 +68,11 @@ def smooth_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def common_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Shares (m,) of rows that change in proportion: the least of `smooth_share` over those that
-    the axes can move.
+    """Compute the shares (m,) of rows that change in proportion: the smallest `smooth_share` of
+    those that the axes can move.
 
     A row that they move by little, beside the row that they move most, as in a singular posture,
-    has its own share: in proportion to it none would move. wanted (m,) [any/s]; acceleration (m,)
+    has its own share: in proportion to it none would move. desired (m,) [any/s]; acceleration (m,)
     [any/s2]; dt [s].
     """
     share = _share(desired, acceleration, dt)
@@ -88,7 +88,7 @@ def falling_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
     """Limit the share like `smooth_share`, for the acceleration limit itself: it falls to 0 on the
     last part of the way.
 
-    wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
+    desired (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
     return _falling(_excess(desired, acceleration, dt))
 
@@ -98,13 +98,13 @@ def _share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def _excess(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Ratio of the desired change to what the jerk alone allows in one tick."""
+    """Compute the ratio of the desired change to what the jerk alone allows in one tick."""
     jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
     return 2 * ca.fabs(desired) / (jerk * dt**2)
 
 
 def _falling(excess: ca.SX) -> ca.SX:
-    """`stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of
+    """Compute `stopping_speed` of the desired change over that change, without a difference of
     nearly equal numbers.
     """
     return 2 / (1 + ca.sqrt(1 + excess))

@@ -77,7 +77,8 @@ class KinematicController(TableDisplay):
         watchdog: Watchdog | None = None,
         guide: Guide | None = None,
     ) -> None:
-        """Dt [s]: control period. guide: what stands in for the hierarchy while it lasts.
+        """dt [s]: control period. guide: whose velocities replace those of the hierarchy until it
+        gives up.
 
         Raises `InvalidInput` where it is not > 0, and what `build_levels` and
         `Mission.check_quantities` raise.
@@ -169,8 +170,8 @@ class KinematicController(TableDisplay):
         return self._named(self._arrays.last_phase_quantities)
 
     def steps(self) -> list[tuple[Any, ...]] | None:
-        """The kernels of a tick with their memories, the second one solves the hierarchy; `None`
-        where Python takes part.
+        """Return the kernels of a tick with their memories, of which the second solves the
+        hierarchy; `None` where Python takes part.
         """
         if self.whole is None or self.guide is not None or any(self._parameters.asked):
             return None
@@ -185,12 +186,12 @@ class KinematicController(TableDisplay):
 
     @property
     def kinematic(self) -> KinematicController:
-        """Itself: what `DynamicController` has below it."""
+        """This controller, under the name by which a `DynamicController` gives the one below it."""
         return self
 
     @checked_on_failure
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
-        """The command for the tick at time t [s]."""
+        """Return the command for the tick at time t [s]."""
         return self.command(self.observe(estimate, t))
 
     @checked_on_failure
@@ -219,8 +220,8 @@ class KinematicController(TableDisplay):
         return self._inputs(self._sound.substitute(estimate), t, started)
 
     def _inputs(self, estimate: StateEstimate, t: float, started: float) -> TickInputs:
-        """Inputs of the tick as kernels have left them; what changes of restriction and freshness
-        is judged.
+        """Read the inputs of the tick as kernels have left them, and log changes of restriction and
+        freshness.
         """
         memory = self.memory
         arrays = self._arrays
@@ -252,7 +253,7 @@ class KinematicController(TableDisplay):
 
     @checked_on_failure
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
-        """Take in what the force layer meets."""
+        """Take over the feedback of the force layer."""
         jammed = feedback.jammed  # first: what is no feedback changes nothing
         self._feedback = feedback
         self._jammed = jammed
@@ -376,7 +377,7 @@ class KinematicController(TableDisplay):
     def evaluate(
         self, estimate: StateEstimate, t: float, state: MissionState | None = None
     ) -> dict[str, float]:
-        """All quantities at a measurement at time t [s], such as the true state after a run; the
+        """Evaluate all quantities at a state at time t [s], such as the true one after a run; the
         mission stays where it is.
 
         An altitude is NaN unless the echo of the measurement itself tells it. state: where the
@@ -451,7 +452,7 @@ class KinematicController(TableDisplay):
 def _telemetry(
     tick: TickInputs, solved: velocity_tick.Solved, quantities: np.ndarray, share: float
 ) -> dict[str, Any]:
-    """For the record."""
+    """Return the series of a tick for the record."""
     status, residual, activity, solve_time = solved
     telemetry = {
         "phase": tick.mission.phase,

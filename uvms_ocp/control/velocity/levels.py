@@ -47,8 +47,9 @@ LIMITS = "limits"
 JERK_LIMIT = "easing"
 REST = "rest"
 LEAN = "lean"
-"""Names of levels beside tasks: the first, the one below the tasks that keep the robot safe, the
-last, and above the second that of `lean_rows` where a vehicle swings.
+"""Names of levels beside tasks: the limits on top, the jerk limits below the tasks that keep the
+robot safe, minimum velocity at the bottom, and, where a vehicle swings, `lean_rows` above the jerk
+limits.
 """
 _SPEED = "vehicle.speed"
 _AS_PARAMETERS = ("goal", "model")
@@ -79,7 +80,7 @@ class LevelsProblem:
     what lies between is in the bounds.
     """
     names: tuple[str, ...]
-    """Sizes of the levels."""
+    """Names of the levels, highest priority first."""
     sizes: tuple[int, ...]
     """Rows of each level."""
     quantity_names: tuple[str, ...]
@@ -268,7 +269,9 @@ def _is_safety(task: Task) -> bool:
 
 
 def _reachable(task: Task, rows: Rows, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
-    """Bounds that keep the robot safe are followed as fast as the acceleration limits allow."""
+    """Return the rows of a task that the acceleration limits can follow; bounds that keep the robot
+    safe, as fast as these allow.
+    """
     eased = task.equality or not _is_safety(task)
     return reachable_rows(
         rows, equality=task.equality, eased=eased, symbols=symbols, previous=previous, gate=gate
@@ -348,8 +351,8 @@ def _task_rows(
 
 
 def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
-    """Velocity and position limits, reached no faster than the acceleration limits allow from the
-    previous velocity.
+    """Make the rows of velocity and position limits, reached no faster than the acceleration limits
+    allow from the previous velocity.
 
     Joints keep a speed from which they can still stop before their limit. Not read by the
     regularised pseudo-inverse.

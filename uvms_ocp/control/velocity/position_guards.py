@@ -1,7 +1,6 @@
-"""The limits on positions of a hierarchy, in the memory of the viability rule, and the rule as a
-thing to call.
+"""Write the limits on positions of a hierarchy into the memory of the viability rule.
 
-And what of a mission has no form in C, where limits are much of it.
+Also tells which tasks have no form in C, for which limits are the usual reason.
 """
 
 from __future__ import annotations

@@ -22,8 +22,8 @@ from uvms_ocp.tasks.task import Rows, TickSymbols
 def reachable_rows(
     rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX
 ) -> Rows:
-    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and
-    with the gate in them.
+    """Return the rows with bounds that can be followed from the previous velocity (n_v,) [m/s,
+    rad/s], and with the gate in them.
 
     A row asks for no more change of its rate per tick than its least-norm motion gives within the
     acceleration limits. Otherwise every degree of freedom that moves the row would join in at its
@@ -67,13 +67,13 @@ def reachable_rows(
 
 
 def _is_endless(bound: ca.SX) -> bool:
-    """True if there is no way to go, whatever the robot does."""
+    """Check for a bound that is infinite in every configuration."""
     return bool(bound.is_constant() and np.isinf(np.array(ca.DM(bound))).all())
 
 
 def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
-    """Changes (m,) that rates may make in this tick towards bounds that leave them this room (m,);
-    negative: rates have to come back.
+    """Compute the changes (m,) that rates may make in this tick towards bounds that leave them this
+    room (m,); negative: rates have to come back.
     """
     bounded_room = ca.fmin(room, ENDLESS)
     ahead = ca.if_else(

@@ -1,5 +1,5 @@
-"""Less than the hierarchy asks for: slower, no descent, the arm held; never by more than the
-acceleration limits allow.
+"""Restrict the velocity of the hierarchy in degraded modes: slower, no descent, the arm held; never
+by more than the acceleration limits allow.
 
 Kernels. Slower keeps the direction, and so all priorities; joints that are held brake as fast as
 they can; what sinks is lifted straight up.
@@ -18,14 +18,14 @@ _ZERO_SPEED = 1e-12  # [m/s, rad/s]
 
 
 class SpeedLimitMemory(Layout):
-    """Quantities of the robot that limit its speed."""
+    """Axes of the robot, and how much each velocity can change in a tick."""
 
     step: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] largest change in one tick."""
     is_joint: Annotated[list[int], Sized("n_v")]
     """(n_v,) which axes are joints."""
     has_vehicle: bool
-    """The first six axes are those of one."""
+    """True where the first six axes are those of a vehicle."""
 
 
 def limit_speed(
@@ -37,11 +37,11 @@ def limit_speed(
     pace: float,
     v: Vector,
 ) -> float:
-    """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the
-    pace that it is at.
+    """Restrict v [m/s, rad/s], which is the hierarchy's velocity at first; return the pace, its
+    share of the hierarchy's speed.
 
-    q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` of what was
-    wanted then.
+    q [m, rad]: now. previous [m/s, rad/s]: velocity of the tick before, which was at the share
+    `pace` of the hierarchy's.
     """
     pace_taken = _pace(speed_limit, less.speed, v, previous, pace)
     for i in range(len(speed_limit.step)):
@@ -79,7 +79,7 @@ def _within(speed_limit: SpeedLimitMemory, v: Vector, previous: Vector) -> None:
 
 
 def _lift(beam: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:
-    """Neither vehicle nor altimeter sinks."""
+    """Lift the velocity so that neither vehicle nor altimeter sinks."""
     x = q[3]
     y = q[4]
     z = q[5]

@@ -30,11 +30,11 @@ from uvms_ocp.robot.signals import Trust
 from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
 
 _EXCESS_GAIN = 1.3
-"""Times the error of a joint's velocity that is left of its limit: the error still grows as it is
-seen.
+"""Factor of the velocity error of a joint by which its limit shrinks: the error still grows while
+it is seen.
 """
 _LARGEST_EXCESS = 0.2
-"""Share of its velocity limit that a joint leaves at most."""
+"""Largest share of its velocity limit that a joint leaves."""
 _RISE_TIME = 0.04
 """[s] Time constant with which it is learnt that a joint goes faster than commanded."""
 _DECAY_TIME = 5.0
@@ -369,7 +369,7 @@ class VelocityController(Layout):
     tick: TickMemory
     """Memory of the tick, before and after the solver."""
     levels: FunctionField
-    """Levels, as `LevelsProblem.function`."""
+    """Levels of the hierarchy, the function that `build_levels` makes."""
     solver: FunctionField
     """J, lower, upper, rate, activation, gate, state -> v, state, report, residual."""
     jacobian: Annotated[Vector, Sized("n_entries")]

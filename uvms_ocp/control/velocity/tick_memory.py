@@ -54,7 +54,7 @@ class TickMemory(Layout):
     beam: AltimeterMemory
     """Beam of the altimeter."""
     lowest: FunctionField
-    """Q to `height`."""
+    """Function of q that gives `height`."""
     height: Annotated[Vector, Sized(1)]
     """(1,) [m] z in W of the lowest of hull, joints and tools, over a floor that falls from below
     the altimeter on.
@@ -64,41 +64,39 @@ class TickMemory(Layout):
     goals: GoalsMemory
     """Parameters of the tasks, an input of the levels."""
     nearest: distances.NearestMemory
-    """Distances among them."""
+    """Distances among the parameters of the tasks."""
 
     velocity_limit: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] endless of axes that nobody drives."""
+    """(n_v,) [m/s, rad/s] velocity limits, infinite along axes that no thruster or motor drives."""
     reads_altitude: Annotated[list[int], Sized("n_tasks")]
     """(n_tasks,) which tasks read the altimeter."""
     lands: Annotated[list[int], Sized("n_tasks")]
-    """(n_tasks,) which of them ask for one altitude."""
+    """(n_tasks,) which tasks ask for one altitude."""
     rest_altitude: Annotated[Vector, Sized("n_tasks")]
     """(n_tasks,) [m] at which tasks that read the altimeter let nothing sink before the first echo."""
     rests_on: Annotated[list[list[int]], Sized("n_channels", "n_quantities")]
     """(n_channels, n_quantities) 1 where a quantity is unknown without the channel."""
     channel: Annotated[list[int], Sized("n_channels")]
-    """(n_channels,) each of these among all `CHANNELS`."""
+    """(n_channels,) index of each channel of `rests_on` among all `CHANNELS`."""
     altimeter: int
-    """Among these channels."""
+    """Index of the altimeter among these channels."""
     hold_after: float
-    """[s] as those of `Watchdog`."""
+    """[s] age of the estimate from which on the robot comes to rest, `Watchdog.hold_after`."""
     stop_after: float
-    """[s]"""
+    """[s] age of the estimate from which on there is no thrust, `Watchdog.stop_after`."""
 
     t: float
     """[s] time of the tick."""
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] measured; where that is not sound, the last that was, and so the next
-    three.
-    """
+    """(n_q,) [m, rad] estimate; where that is not sound, the last one that was."""
     v: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] of the same."""
+    """(n_v,) [m/s, rad/s] estimate; where that is not sound, the last one that was."""
     altimeter_range: float
     """[m] NaN without an echo."""
     age: float
-    """[s] as those of `StateEstimate`."""
+    """[s] age of the oldest reading that the estimate rests on."""
     joint_age: float
-    """[s]"""
+    """[s] age of the encoders' readings."""
 
     # found by `before`, inputs of the levels among it
     gates: Annotated[Vector, Sized("n_tasks")]
@@ -108,13 +106,13 @@ class TickMemory(Layout):
     echo: Annotated[Vector, Sized(1)]
     """(1,) [m] range that tasks act on."""
     altitude_valid: bool
-    """See `TickInputs`."""
+    """True where an echo supports the altitude, of now or of not too long ago."""
     echo_is_oldest: bool
     """The altimeter's reading is the oldest that is needed."""
     oldest: float
-    """[s] age of what is."""
+    """[s] age of the oldest reading that is needed."""
     freshness: int
-    """A `Freshness`."""
+    """`Freshness` of the estimate, by its code."""
     awaits_first: bool
     """No estimate has had a reading of all that it needs yet."""
     holds: bool
@@ -122,9 +120,9 @@ class TickMemory(Layout):
     swings: Annotated[list[int], Sized(3)]
     """(3,) rotations of the vehicle that no thruster drives, and that swing."""
     swing_memory: float
-    """[s] in which their mean is learnt."""
+    """[s] time constant with which the mean of these is learnt."""
     lift: float
-    """[N] of all thrusters at most."""
+    """[N] largest upward force of all thrusters."""
     passive: Annotated[Vector, Sized(swing.N_PASSIVE)]
     """(4,) [rad, N] turn from the mean attitude, and unknown weight at the tool: see `N_PASSIVE`."""
     is_joint: Annotated[list[int], Sized("n_v")]
@@ -140,15 +138,15 @@ class TickMemory(Layout):
 
     # of the hierarchy
     solved: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] that the hierarchy asks for."""
+    """(n_v,) [m/s, rad/s] solution of the hierarchy."""
     usable: bool
     """The hierarchy has a solution."""
     quantities: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [their units] of the levels."""
+    """(n_quantities,) [their units] quantities as the levels function gives them."""
 
     # found by `after`
     reported: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [their units] NaN where not known."""
+    """(n_quantities,) [their units] quantities as reported, NaN where not known."""
     phase_quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] what phases may end on."""
     last_phase_quantities: Annotated[Vector, Sized("n_quantities")]
@@ -158,21 +156,23 @@ class TickMemory(Layout):
     due: int
     """The transition of the phase that fires, or `NONE`."""
     eventful: bool
-    """The mission is to be looked at."""
+    """True where Python has to look at the mission: a phase or the mission ends."""
     jammed: Annotated[list[int], Sized("n_v")]
     """(n_v,) axes that do not move whatever is asked."""
     wanted: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] the velocity for this tick."""
     wanted_pace: float
-    """In (0, 1], that it is at of what the hierarchy has."""
+    """Share of the hierarchy's speed, in (0, 1], that it is at."""
     near: bool
-    """A stop from it could come to a limit on positions."""
+    """True where a stop from the wanted velocity could come to a limit on positions."""
     share: float
-    """Share of it that the limits on positions leave; 0 where the robot comes to rest."""
+    """Share of the wanted velocity that the limits on positions leave; 0 where the robot comes to
+    rest.
+    """
 
     # the motion of the last tick
     place: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] as far as it is known: measured, or along the stop since."""
+    """(n_q,) [m, rad] configuration as far as it is known: estimated, or along the stop since."""
     command: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] the last velocity that was taken."""
     pace: float
@@ -186,10 +186,10 @@ def tick_memory(
     watchdog: Watchdog,
     sizes: Mapping[str, Any],
 ) -> TickMemory:
-    """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes, limits
-    and goals is not in it yet.
+    """Make a `TickMemory` at rest, before the first estimate; its monitor of aborts, echoes, limits
+    and goals are still to be set up.
 
-    sizes: as `viability_sizes` and `track_sizes` tell them.
+    sizes: from `viability_sizes` and `track_sizes`.
     """
     tasks = mission.hierarchy.tasks
     names = problem.quantity_names
@@ -236,8 +236,8 @@ def tick_memory(
 
 
 def inputs_of(tick: Any, goals: Any) -> tuple[np.ndarray, ...]:
-    """Inputs of the levels function, in its order; tick, goals: `arrays_of` a `TickMemory` and of
-    its goals.
+    """Return the inputs of the levels function, in its order; tick, goals: `arrays_of` a
+    `TickMemory` and of its goals.
     """
     return (
         tick.q,

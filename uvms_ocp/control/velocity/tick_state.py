@@ -19,17 +19,17 @@ class TickInputs:
     """Inputs of a tick: estimate, restriction and state of the mission."""
 
     begin: float
-    """[s] when that was, by the computer's clock."""
+    """[s] time at which the tick began, by the computer's clock."""
     t: float
     """[s] time of the tick."""
     measurement: StateEstimate
-    """With finite q and v: the newest that is sound."""
+    """Newest estimate that is sound, with finite q and v."""
     echo: float
     """[m] range of the altimeter that tasks act on: carried along with the motion where there is no
     echo, cautious before the first one.
     """
     altitude_valid: bool
-    """An echo supports it, of now or of not too long ago."""
+    """True where an echo supports the altitude, of now or of not too long ago."""
     mission: MissionState
     """State of the mission."""
     gates: np.ndarray

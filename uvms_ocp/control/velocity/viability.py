@@ -32,15 +32,15 @@ _HALVINGS = 5
 
 
 class ViabilityMemory(Layout):
-    """Limits, and which of them a velocity could come to within its stop."""
+    """Limits on positions, and which of them a velocity could come to within its stop."""
 
     stop: braking.StopMemory
-    """With the reach of the limits."""
+    """Stop of the robot, with the reach of its limits."""
     smooth: FunctionField
-    """Q to the positions that have an expression, those of the first limits."""
+    """Function of q that gives the positions with an expression, those of the first limits."""
     ask: CallbackField
-    """Asks for the positions, of the limit `asked` at `place`, that have no expression and are no
-    distances.
+    """Asks Python for the positions of the limit `asked` at `place`, which have no expression and
+    are no distances.
     """
     asked: int
     place: Annotated[Vector, Sized("n_q")]
@@ -49,9 +49,9 @@ class ViabilityMemory(Layout):
     lower: Annotated[Vector, Sized("n_limits")]
     """(n_limits,) [m] the limits."""
     task: Annotated[list[int], Sized("n_limits")]
-    """(n_limits,) whose they are."""
+    """(n_limits,) index of the task of each limit."""
     quantity: Annotated[list[int], Sized("n_limits")]
-    """(n_limits,) index of what they limit."""
+    """(n_limits,) index of the quantity that each limits."""
     relative: Annotated[list[int], Sized("n_limits")]
     """(n_limits,) 1 where positions tell only how the measured quantity changes."""
     asks: Annotated[list[int], Sized("n_limits")]
@@ -59,34 +59,34 @@ class ViabilityMemory(Layout):
     pairs: Annotated[list[int], Sized("n_limits")]
     """(n_limits,) which of `distances` their positions are, or `NONE`."""
     distances: Annotated[list[DistanceMemory], Sized("n_distances")]
-    """(n_distances,)"""
+    """(n_distances,) models whose pairs kernels measure."""
     first: Annotated[list[int], Sized("n_limits")]
     """(n_limits,) first position of each."""
     end: Annotated[list[int], Sized("n_limits")]
     """(n_limits,) the one after its last."""
 
     travel: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m, rad] that each axis moves at most."""
+    """(n_v,) [m, rad] largest way of each axis until the robot rests."""
     near: Annotated[list[int], Sized("n_limits")]
     """(n_limits,) which of them some position may come to."""
     room: Annotated[Vector, Sized("n_limits")]
     """(n_limits,) [m] by which all positions are above their floor now."""
     base: Annotated[Vector, Sized("n_limits")]
-    """(n_limits,) [m] the limits, as positions tell them."""
+    """(n_limits,) [m] the limits, in terms of positions."""
     position: Annotated[Vector, Sized("n_positions")]
-    """(n_positions,) [m] as last looked at; of a distance no more than that."""
+    """(n_positions,) [m] values when they were last evaluated; of distances lower bounds."""
     counts: Annotated[list[int], Sized("n_positions")]
     """(n_positions,) which of them may come to their limit."""
     floor: Annotated[Vector, Sized("n_positions")]
-    """(n_positions,) [m] that each stays at or above, over its limit: 0, or where the stop leads,
-    if that is below.
+    """(n_positions,) [m] height over its limit that each position is to keep: 0, or where the stop
+    leads, if that is below.
     """
     slower: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] one tick nearer to rest."""
+    """(n_v,) [m/s, rad/s] velocity one tick nearer to rest."""
     blocking: int
     """Limit that the last stop that was not clear comes to first."""
     mixed: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] between that and what is wanted."""
+    """(n_v,) [m/s, rad/s] velocity between `slower` and the desired one."""
 
 
 def may_reach_limit(
@@ -112,7 +112,7 @@ def may_reach_limit(
 
 
 def _farthest(viability: ViabilityMemory, k: int) -> float:
-    """[m] that any position of a limit moves at most."""
+    """Return the largest way [m] of any position of a limit until the robot rests."""
     return dot(viability.stop.reach[k], viability.travel, len(viability.travel))
 
 
@@ -124,7 +124,7 @@ def enforce_viability(
     gates: Vector,
     quantities: Vector,
 ) -> float:
-    """Makes of the velocity `wanted` [m/s, rad/s] the one for this tick, and returns the share that
+    """Slow the `desired` velocity [m/s, rad/s] down to the one for this tick; return the share that
     is left of it. A kernel.
 
     The rest is slowing down: of the axes that bring the robot to the limit, where that is enough,
@@ -169,7 +169,9 @@ def _select_near(viability: ViabilityMemory, q: Vector, quantities: Vector) -> N
 
 
 def _measure(viability: ViabilityMemory, k: int, measured: float) -> None:
-    """Room [m] before a limit from what is measured [m], and the positions that may come to it."""
+    """Compute the room [m] before a limit from its measured quantity [m], and which positions may
+    come to it.
+    """
     lowest = math.inf
     way = _farthest(viability, k)
     for i in range(viability.first[k], viability.end[k]):
@@ -183,8 +185,8 @@ def _measure(viability: ViabilityMemory, k: int, measured: float) -> None:
 
 
 def _look_at(viability: ViabilityMemory, k: int, q: Vector) -> None:
-    """The positions of a limit at q [m, rad], of those that count at least; of distances a bound
-    from below.
+    """Evaluate the positions of a limit that count at q [m, rad]; for distances a lower bound is
+    enough.
     """
     if viability.pairs[k] != braking.NONE:
         _look_at_pairs(viability, k, q)
@@ -206,8 +208,8 @@ def _look_at_pairs(viability: ViabilityMemory, k: int, q: Vector) -> None:
 
 
 def _height(viability: ViabilityMemory, k: int, i: int, enough: float) -> float:
-    """[m] of a position over its limit, as last looked at; where that is `enough` [m], no less than
-    that.
+    """Return the height [m] of a position over its limit when it was last evaluated; from `enough`
+    [m] on a lower bound.
     """
     if (
         viability.pairs[k] != braking.NONE
@@ -241,8 +243,8 @@ def _is_clear(viability: ViabilityMemory, q: Vector, v: Vector) -> bool:
 
 
 def _slack(viability: ViabilityMemory, k: int) -> float:
-    """[m] by which the positions of a limit that count are above their floors, as last looked
-    at.
+    """Return by how much [m] the positions of a limit that count are above their floors, when they
+    were last evaluated.
     """
     slack = math.inf
     for i in range(viability.first[k], viability.end[k]):
@@ -254,7 +256,9 @@ def _slack(viability: ViabilityMemory, k: int) -> float:
 
 
 def _lower_floors(viability: ViabilityMemory, q: Vector) -> None:
-    """To where the stop from the slower velocity leads, if that is below the limit."""
+    """Lower the floors of positions to where the stop from the slower velocity leads, if that is
+    below the limit.
+    """
     braking.begin_stop(viability.stop, q, viability.slower)
     while not viability.stop.done:
         braking.step_stop(viability.stop)
@@ -295,8 +299,8 @@ def _interpolate(viability: ViabilityMemory, desired: Vector, share: float) -> N
 
 
 def _largest_share(viability: ViabilityMemory, q: Vector, desired: Vector) -> float:
-    """Find the share of `wanted` [m/s, rad/s] from which the stop is clear, by halving; 0 is known
-    to be clear.
+    """Find the share of the `desired` velocity [m/s, rad/s] from which the stop is clear, by
+    halving; 0 is known to be clear.
     """
     _interpolate(viability, desired, 1.0)
     if _is_clear(viability, q, viability.mixed):
