@@ -74,8 +74,8 @@ class DegradedMode(ModeLimits):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Restriction(ModeLimits):
-    """All modes that apply at one tick, as one: the least of their shares, and whatever one of them
-    forbids.
+    """Restriction by all modes that apply at a tick: the smallest of their shares, and all that any
+    of them forbids.
     """
 
     abort: str = ""
@@ -122,27 +122,27 @@ class RestrictionMemory(Layout):
     needs: Annotated[list[list[int]], Sized(_N_MODES, _N_CHANNELS)]
     """(n_modes, n_channels) which channels each mode is without."""
     trust: Annotated[list[int], Sized(_N_MODES)]
-    """(n_modes,) from which on."""
+    """(n_modes,) `Trust` in these channels from which on each mode applies."""
     mode_speed: Annotated[Vector, Sized(_N_MODES)]
-    """(n_modes,) """
+    """(n_modes,) share of the usual speed in each mode."""
     mode_feedback: Annotated[Vector, Sized(_N_MODES)]
-    """(n_modes,) """
+    """(n_modes,) share of the usual bandwidth of the vehicle's velocity loop in each mode."""
     mode_joint_feedback: Annotated[Vector, Sized(_N_MODES)]
-    """(n_modes,) """
+    """(n_modes,) share of the usual bandwidth of the joints' velocity loops in each mode."""
     max_duration: Annotated[Vector, Sized(_N_MODES)]
-    """(n_modes,) [s]"""
+    """(n_modes,) [s] time in a mode after which the mission is given up."""
     flags: Annotated[list[list[int]], Sized(_N_MODES, 5)]
     """(n_modes, 5) of each mode: no descent, joints held, hold, blind, climbs."""
     of_altitude: Annotated[list[int], Sized(_N_MODES)]
-    """(n_modes,) which are without the altimeter alone."""
+    """(n_modes,) which modes are without the altimeter alone."""
 
     level: Annotated[list[int], Sized(_N_CHANNELS)]
-    """(n_channels,) the `Trust` in each channel."""
+    """(n_channels,) `Trust` in each channel."""
     since: Annotated[Vector, Sized(_N_CHANNELS)]
-    """(n_channels,) [s] since when."""
+    """(n_channels,) [s] time since when it has been that."""
 
     speed: float
-    """This and the following as in `Restriction`."""
+    """Share of the usual speed that all modes leave."""
     feedback: float
     joint_feedback: float
     no_descent: bool
@@ -157,7 +157,7 @@ class RestrictionMemory(Layout):
     ended: bool
     """The mission cannot go on."""
     at_fault: Annotated[list[int], Sized(_N_CHANNELS)]
-    """(n_channels,) which channels that is due to."""
+    """(n_channels,) which channels end the mission."""
 
 
 def restrict(restriction: RestrictionMemory, t: float, altitude_matters: bool) -> None:

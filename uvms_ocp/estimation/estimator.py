@@ -102,13 +102,15 @@ def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
 
 
 def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:
-    """Age [s] at time t [s] of the oldest of the channels' readings; inf where one is missing."""
+    """Return the age [s] at time t [s] of the oldest of the channels' readings; inf where one is
+    missing.
+    """
     return oldest_of(readings, channels, t)[0]
 
 
 def oldest_of(readings: Readings, channels: tuple[str, ...], t: float) -> tuple[float, str]:
-    """Age [s] at time t [s] of the oldest of the channels' readings, inf where one is missing, and
-    which channel that is.
+    """Return the age [s] at time t [s] of the oldest of the channels' readings, inf where one is
+    missing, and which channel that is.
     """
     oldest_stamp = t
     oldest = ""
@@ -146,8 +148,8 @@ class AltimeterMount:
     def __init__(self, robot: Robot, frame: str, memory: Any) -> None:
         """frame: that of the altimeter. Raises `FrameNotFound`.
 
-        memory: who is told, with `beam_at` (3,) [m] the altimeter in B, and `beam_up` (3,) its z
-        axis there.
+        memory: written to, its `beam_at` (3,) [m] the altimeter in B, and its `beam_up` (3,) the z
+        axis of the altimeter there.
         """
         self._robot = robot
         self._frame = robot.frame_id(frame)
@@ -179,7 +181,7 @@ class GateOutcome:
     """Outcome of the chi-square gate on the newest reading of a channel."""
 
     t: float
-    """[s] when it was taken."""
+    """[s] time at which the reading was taken."""
     squared: float
     """Innovation, normalised and squared: chi-squared with `degrees` where sensor and vehicle are
     as expected.
@@ -187,7 +189,7 @@ class GateOutcome:
     degrees: int
     """Degrees of freedom."""
     accepted: bool
-    """The reading was used; of the joints, that of every one."""
+    """True where the reading was used; for joints, where that of every joint was."""
 
 
 class JointChart:
@@ -340,8 +342,8 @@ class Estimator(TableDisplay):
 
     @property
     def outcomes(self) -> Array:
-        """(9, 4) [s, -, -, -] of all channels, in the order of `ChannelIndex`; changed in place by
-        every call.
+        """Outcomes (9, 4) [s, -, -, -] of all channels, in the order of `ChannelIndex`; changed in
+        place by every call.
 
         When the reading was taken, squared innovation, degrees of freedom, 1 if it was used; nan
         before the first.
@@ -374,7 +376,7 @@ class Estimator(TableDisplay):
 
     @property
     def covariance(self) -> Array:
-        """(MAIN, MAIN) [SI] of the vehicle's errors, in the order of `Part`."""
+        """Covariance (MAIN, MAIN) [SI] of the vehicle's errors, in the order of `Part`."""
         upper = np.triu(self.memory.P[: filtering.MAIN, : filtering.MAIN])
         return np.asarray(upper + np.triu(upper, 1).T)
 

@@ -54,7 +54,8 @@ class Freshness(enum.IntEnum):
 class Watchdog:
     """Judges the age of measurements and logs every change of its verdict in `alarms`.
 
-    That the first readings are under way is none, unless they take `stop_after`.
+    Readings that are on their way at first are no reason for an alarm, unless they take
+    `stop_after`.
 
     Raises `InvalidInput` unless 0 < hold_after < stop_after.
     """
@@ -66,9 +67,9 @@ class Watchdog:
     alarms: list[tuple[float, str]] = field(default_factory=list)
     """Time [s] and text of each."""
     _verdict: Freshness = field(default=Freshness.FRESH, init=False)
-    """The last one that was told."""
+    """Verdict that was logged last."""
     _begun: float = field(default=math.nan, init=False)
-    """[s] time of the first question."""
+    """[s] time of the first call."""
     _waits: bool = field(default=True, init=False)
     """There has been no measurement yet."""
 
@@ -86,8 +87,8 @@ class Watchdog:
 
     @checked_on_failure
     def judge(self, age: float, t: float, channel: str = "") -> Freshness:
-        """Return the verdict on a measurement of `age` [s] at time t [s], that of `channel` if
-        known; nan counts as lost.
+        """Return the verdict at time t [s] on an estimate of an age [s]; nan counts as lost.
+        channel: the oldest one, named in alarms.
         """
         verdict = Freshness(freshness_of(age, self.hold_after, self.stop_after))
         self._waits = self._waits and age == math.inf
@@ -107,8 +108,8 @@ class Watchdog:
 
 
 def freshness_of(age: float, hold_after: float, stop_after: float) -> int:
-    """The `Freshness` of a measurement of `age` [s], by `hold_after` [s] and `stop_after` [s] of a
-    `Watchdog`. A kernel.
+    """Return the `Freshness` of an estimate of an age [s], by `hold_after` [s] and `stop_after` [s]
+    of a `Watchdog`. A kernel.
     """
     if age <= hold_after:
         return Freshness.FRESH
@@ -135,35 +136,36 @@ _TEXTS = {
 
 
 class LastValidMemory(Layout):
-    """The last measurement that was sound, and what stands in for one that is not."""
+    """The last estimate that was sound, which replaces one that is not."""
 
     n_units: int
     """Parts of q that have norm 1."""
     unit: Annotated[list[list[int]], Sized("n_v", 2)]
     """(n_units, 2) first entry in q of each, and the one after its last."""
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad]"""
+    """(n_q,) [m, rad] configuration of the last sound estimate."""
     v: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s]"""
+    """(n_v,) [m/s, rad/s] velocity of the last sound estimate."""
     since: float
-    """[s] time of its tick."""
+    """[s] time of the tick of the last sound estimate."""
     was: Annotated[Vector, Sized(2)]
-    """(2,) [s] age of the measurement and of its joints then."""
+    """(2,) [s] its age and that of its joints then."""
     age: float
-    """[s] of the measurement of now, or of what stands in for it."""
+    """[s] age of the estimate now, or of the one that replaces it."""
     joint_age: float
-    """[s] age of the joints in the measurement of now, or in what stands in for it."""
+    """[s] age of the joints in the estimate now, or in the one that replaces it."""
     is_valid: bool
-    """The measurement of now."""
+    """True where the estimate of now is sound."""
 
 
 def hold_last_valid(
     last_valid: LastValidMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float
 ) -> None:
-    """A measurement of q [m, rad] and v [m/s, rad/s] at t [s], or where it is not sound, the last
-    in its place. A kernel.
+    """Keep an estimate q [m, rad], v [m/s, rad/s] at t [s], or, where it is not sound, replace it
+    by the last that was. A kernel.
 
-    age, joint_age [s]: as those of `StateEstimate`; the memory holds those that hold true.
+    age, joint_age [s]: of the estimate and of its joints; the memory holds those of what replaces
+    it.
     """
     last_valid.is_valid = _is_sound(last_valid, q, v)
     if last_valid.is_valid:
@@ -182,7 +184,7 @@ def hold_last_valid(
 
 
 def _is_sound(last_valid: LastValidMemory, q: Vector, v: Vector) -> bool:
-    """All numbers are finite, and what should have norm 1 does."""
+    """Check that all numbers are finite, and that what should have norm 1 does."""
     sound = True
     for i in range(len(last_valid.q)):
         sound = sound and math.isfinite(q[i])
@@ -198,8 +200,8 @@ def _is_sound(last_valid: LastValidMemory, q: Vector, v: Vector) -> bool:
 
 
 class LastValidEstimate:
-    """The measurement, or where its q or v is not finite or its quaternion none, the last that was
-    sound, with its true age.
+    """Filter that replaces an estimate with a q or v that is not finite, or a quaternion that is
+    none, by the last sound one with its true age.
     """
 
     __slots__ = ("_last", "_shapes", "memory")
@@ -246,7 +248,7 @@ class LastValidEstimate:
         raise InvalidInput(", ".join(problems))
 
     def substitute(self, estimate: StateEstimate) -> StateEstimate:
-        """Return the measurement that the kernel was given, if it is sound, or its substitute."""
+        """Return the estimate that the kernel was given, if it is sound, or its replacement."""
         if self.memory.is_valid:
             self._last = estimate
             return estimate
@@ -264,9 +266,9 @@ class AltimeterMemory(Layout):
     """Memory of `LastFloorRange`, and the beam of the altimeter: along -z of its frame."""
 
     look: FunctionField
-    """Q to `beam` and `height_jacobian`."""
+    """Function of q that gives `beam` and `height_jacobian`."""
     exists: bool
-    """There is an altimeter."""
+    """True where the robot has an altimeter."""
     beam: Annotated[Vector, Sized(4)]
     """(4,) [m] origin in W, and cosine of the angle between the beam and straight down."""
     height_jacobian: Annotated[Vector, Sized("n_v")]
@@ -276,7 +278,7 @@ class AltimeterMemory(Layout):
     highest: float
     """[m] highest z in W of the floor of late; NaN before the first echo."""
     place: Annotated[Vector, Sized(2)]
-    """(2,) [m] in W of the last look."""
+    """(2,) [m] horizontal position in W of the altimeter, when the range was asked for last."""
     since: float
     """[s] time of the last echo, 0 before the first."""
 
@@ -321,8 +323,8 @@ def has_altitude(altimeter: AltimeterMemory, echo: float) -> bool:
 
 
 def range_to_last_floor(altimeter: AltimeterMemory, unknown: float) -> float:
-    """Range [m] to the floor of the last echo; before the first one, to an altitude of `unknown`
-    [m]. A kernel.
+    """Compute the range [m] to the floor of the last echo; before the first one, the one of an
+    altitude of `unknown` [m]. A kernel.
     """
     if not altimeter.exists:
         return 0.0
@@ -360,8 +362,8 @@ class LastFloorRange:
         self.memory.floor = self.memory.highest = math.nan
 
     def at(self, estimate: StateEstimate) -> tuple[float, bool]:
-        """Range [m], always finite, at a measurement that is not remembered, and whether its echo
-        tells the altitude.
+        """Return the range [m], always finite, at an estimate that is not remembered, and whether
+        its echo tells the altitude.
         """
         point_altimeter(self.memory, doubles(estimate.q))
         measured = has_altitude(self.memory, estimate.altimeter_range)

@@ -36,7 +36,7 @@ EARLY = 1e-9
 LONGEST_STEP = 1.0
 """[s] of a tick over which the motion is carried on; after it the robot is taken to stay."""
 LONGEST_LAG = 3.0
-"""[s] of readings that are older no state is remembered."""
+"""[s] age of readings beyond which no state is remembered."""
 GATE_RELAXATION = 4.0
 """Gate relaxation: variance, in squared innovations, added to the states that rejected readings
 contradict.
@@ -108,14 +108,16 @@ N_CHANNELS = len(ChannelIndex)
 
 
 def rows_of(c: int) -> int:
-    """Entries of one reading of a channel; of one joint. A kernel, as the next."""
+    """Return the number of entries of one reading of a channel; of one joint for the joints'
+    channels. A kernel.
+    """
     if c <= ChannelIndex.SPECIFIC_FORCE and c != ChannelIndex.DEPTH:
         return 3
     return 1
 
 
 def orders_of(c: int) -> int:
-    """Number of integrations from the acceleration to what the channel reads."""
+    """Return the number of integrations from the acceleration to what the channel reads. A kernel."""
     if c == ChannelIndex.SPECIFIC_FORCE:
         return 0
     velocity = c == ChannelIndex.ANGULAR_VELOCITY or c == ChannelIndex.LINEAR_VELOCITY
@@ -159,17 +161,17 @@ class PredictedMeasurement(Layout):
     h: Annotated[Vector, Sized(4)]
     """(4,) [unit of the channel]; of the altimeter altitude and cosine of the tilt."""
     rate: Annotated[Vector, Sized(3)]
-    """(3,) its rate [per s]."""
+    """(3,) [unit of the channel / s] rate of the predicted measurement."""
     rate_variance: float
-    """[square of its unit] variance of the rate."""
+    """[square of the unit of the rate] variance of the rate."""
     H: Annotated[list[Vector], Sized(3, MAIN)]
-    """(3, MAIN) [SI] slopes."""
+    """(3, MAIN) [SI] derivative of the measurement with respect to the errors."""
     HP: Annotated[list[Vector], Sized(3, STATES)]
-    """(3, STATES) [SI] covariance with all errors."""
+    """(3, STATES) [SI] covariance of the measurement with all errors."""
     S: Annotated[list[Vector], Sized(3, 3)]
-    """(3, 3) [SI] its own."""
+    """(3, 3) [SI] covariance of the measurement."""
     L: Annotated[list[Vector], Sized(3, 3)]
-    """(3, 3) [SI] lower factor of that and noise."""
+    """(3, 3) [SI] lower Cholesky factor of `S` with the noise of the reading."""
 
 
 class FilterMemory(Layout):
@@ -178,9 +180,9 @@ class FilterMemory(Layout):
     n_joints: int
     # Set once.
     sigma: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [unit of the channel] its noise."""
+    """(9,) [unit of the channel] standard deviation of the noise."""
     period: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] between its readings, 0 for once per tick."""
+    """(9,) [s] time between two readings, 0 for once per tick."""
     gate: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) chi-square gate: largest squared innovation that is accepted; of one joint for the
     joints.
@@ -188,7 +190,7 @@ class FilterMemory(Layout):
     agility: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
     jolt: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [m/s2, rad/s2] `JOLTS`"""
+    """(9,) [m/s2, rad/s2] unplanned acceleration that gates grant, `JOLTS`."""
     surprise: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [unit of the channel] innovation of the last reading that was believed, where it is
     beyond the noise; it fades.
@@ -196,9 +198,11 @@ class FilterMemory(Layout):
     recovery: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] for which rejected readings must agree to be accepted."""
     needed: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) 1 where the age counts."""
+    """(9,) 1 where the age of the channel counts for that of the estimate."""
     drive: Annotated[Vector, Sized(len(ProcessNoise))]
-    """(9,) [of `EstimatorTuning`, and s^0.5] `ProcessNoise`."""
+    """(9,) [units of `EstimatorTuning`, times s^0.5] process noise densities, in the order of
+    `ProcessNoise`.
+    """
     limit: Annotated[Vector, Sized(MAIN)]
     """(MAIN,) [unit of the error] standard deviation beyond which an entry counts as unknown."""
     joint_limit: Annotated[Vector, Sized(2)]
@@ -208,24 +212,24 @@ class FilterMemory(Layout):
     beam_at: Annotated[Vector, Sized(3)]
     """(3,) [m] the altimeter in B."""
     beam_up: Annotated[Vector, Sized(3)]
-    """(3,) its z axis in B."""
+    """(3,) z axis of the altimeter in B."""
     echo_memory: float
-    """[s]"""
+    """[s] time for which an echo tells the altitude."""
     floating: bool
-    """There is a vehicle."""
+    """True where the robot has a vehicle."""
     guided: bool
-    """Commanded linear velocities are taken to be followed."""
+    """True where commanded linear velocities are taken to be followed."""
     # Inputs of a tick.
     now: float
-    """[s]"""
+    """[s] time of the tick."""
     has_command: bool
-    """There is a command."""
+    """True where there was a command."""
     commanded: Annotated[Vector, Sized("n_commanded")]
     """(6 + n_joints,) [m/s, rad/s] velocity that the command has brought about."""
     fresh: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) 1 where there is a reading."""
+    """(9,) 1 where a channel has a new reading."""
     stamp: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] when it was taken."""
+    """(9,) [s] time at which that reading was taken."""
     value: Annotated[list[Vector], Sized(N_VEHICLE, 4)]
     """(7, 4) [unit of the channel] what the vehicle's channels read."""
     joint_value: Annotated[list[Vector], Sized(2, "n_joints")]
@@ -235,71 +239,70 @@ class FilterMemory(Layout):
     before: float
     """[s] time of the last tick."""
     dt: float
-    """[s]"""
+    """[s] time since the last tick."""
     least_jerk_share: float
-    """Least `jerk_share`; 1 with an accelerometer, and with an exact DVL, whose innovations are no
-    noise.
+    """Smallest `jerk_share`; 1 with an accelerometer, and with an exact DVL, whose innovations are
+    no noise.
     """
     jerk_share: float
     """Share of `ProcessNoise.JERK` that the vehicle shows, by the innovations of its DVL."""
     turn: Annotated[Vector, Sized(4)]
     """(4,) quaternion xyzw of R_WB."""
     x: Annotated[Vector, Sized(MAIN)]
-    """(MAIN,) [SI] the parts by their places; those of `Part.TURN` are 0, as the attitude is in
-    `turn`.
+    """(MAIN,) [SI] state, in the order of `Part`; 0 at `Part.TURN`, as the attitude is in `turn`.
     """
     P: Annotated[list[Vector], Sized(STATES, STATES)]
     """(STATES, STATES) [SI] covariance of the errors; only its upper triangle counts."""
     commanded_W: Annotated[Vector, Sized(3)]
     """(3,) [m/s] linear part of the last `commanded`, in W."""
     commanded_spin: Annotated[Vector, Sized(3)]
-    """(3,) [rad/s]"""
+    """(3,) [rad/s] angular part of the last `commanded`, in B."""
     commanded_rates: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad/s or m/s]"""
+    """(n_joints,) [rad/s or m/s] joints' part of the last `commanded`."""
     owner: Annotated[Vector, Sized(SLOTS)]
     """(SLOTS,) channel of each clone, -1 for none."""
     taken: Annotated[Vector, Sized(SLOTS)]
-    """(SLOTS,) [s] its time."""
+    """(SLOTS,) [s] time of each clone."""
     h: Annotated[list[Vector], Sized(SLOTS, 4)]
     """(SLOTS, 4) [unit of the channel] predicted measurement h(x)."""
     rate: Annotated[list[Vector], Sized(SLOTS, 3)]
-    """(SLOTS, 3) how fast that changed [per s]."""
+    """(SLOTS, 3) [unit of the channel / s] rate of the predicted measurement."""
     rate_variance: Annotated[Vector, Sized(SLOTS)]
-    """(SLOTS,) [square of its unit] variance of the rate."""
+    """(SLOTS,) [square of the unit of the rate] variance of the rate."""
     last: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] time of the newest reading of each channel."""
     used: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] time of the newest that was accepted."""
+    """(9,) [s] time of the newest reading of each channel that was accepted."""
     lag: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] largest delay expected."""
+    """(9,) [s] largest expected delay of each channel."""
     apart: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] between two clones of each."""
+    """(9,) [s] time between two clones of each channel."""
     due: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] time of the next clone."""
+    """(9,) [s] time of the next clone of each channel."""
     echo: float
     """[s] time of the last echo that was accepted."""
     since: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] when rejected readings began to agree, nan for none."""
     refused: Annotated[list[Vector], Sized(N_VEHICLE, 3)]
-    """(7, 3) [unit of the channel] innovation of the last one."""
+    """(7, 3) [unit of the channel] innovation of the last rejected reading of each channel."""
     joint_x: Annotated[list[Vector], Sized("n_joints", 2)]
-    """(n_joints, 2) [rad or m, rad/s or m/s] displacement and velocity."""
+    """(n_joints, 2) [rad or m, rad/s or m/s] displacement and velocity of each joint."""
     joint_P: Annotated[list[list[Vector]], Sized("n_joints", JOINT_STATES, JOINT_STATES)]
-    """(n_joints, JOINT_STATES, JOINT_STATES) [SI]"""
+    """(n_joints, JOINT_STATES, JOINT_STATES) [SI] covariance of each joint's errors and clones."""
     joint_owner: Annotated[Vector, Sized(JOINT_SLOTS)]
-    """(JOINT_SLOTS,) as `owner`."""
+    """(JOINT_SLOTS,) channel of each clone of the joints, -1 for none."""
     joint_taken: Annotated[Vector, Sized(JOINT_SLOTS)]
-    """(JOINT_SLOTS,) [s]"""
+    """(JOINT_SLOTS,) [s] time of each clone of the joints."""
     joint_h: Annotated[list[Vector], Sized("n_joints", JOINT_SLOTS)]
-    """(n_joints, JOINT_SLOTS) [SI]"""
+    """(n_joints, JOINT_SLOTS) [rad or m, rad/s or m/s] predicted measurement of each clone."""
     joint_rate: Annotated[list[Vector], Sized("n_joints", JOINT_SLOTS)]
-    """(n_joints, JOINT_SLOTS) [SI]"""
+    """(n_joints, JOINT_SLOTS) [per s of that] rate of the predicted measurement."""
     joint_rate_variance: Annotated[list[Vector], Sized("n_joints", JOINT_SLOTS)]
-    """(n_joints, JOINT_SLOTS) [SI]"""
+    """(n_joints, JOINT_SLOTS) [square of the unit of the rate] variance of the rate."""
     joint_since: Annotated[list[Vector], Sized(2, "n_joints")]
-    """(2, n_joints) [s]"""
+    """(2, n_joints) [s] time at which rejected readings began to agree, nan for none."""
     joint_refused: Annotated[list[Vector], Sized(2, "n_joints")]
-    """(2, n_joints) [rad or m, rad/s or m/s]"""
+    """(2, n_joints) [rad or m, rad/s or m/s] innovation of the last rejected reading."""
     joint_unknown: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) 1 where the fresh reading was the first."""
     # Outputs of a tick.
@@ -308,17 +311,17 @@ class FilterMemory(Layout):
     change: Annotated[Vector, Sized(STATES)]
     """(STATES,) [SI] change of the error state by the last correction."""
     outcome: Annotated[list[Vector], Sized(N_CHANNELS, 4)]
-    """(9, 4) [s, -, -, -] time, squared innovation, degrees of freedom, 1 if accepted; nan before
-    the first.
+    """(9, 4) [s, -, -, -] outcome of the gate on the newest reading: its time, squared innovation,
+    degrees of freedom, 1 if accepted; nan before the first.
     """
     twist: Annotated[Vector, Sized(6)]
-    """(6,) [m/s, rad/s] in B."""
+    """(6,) [m/s, rad/s] estimated velocity of the vehicle in B."""
     range: Annotated[Vector, Sized(2)]
-    """(2,) [m] along the altimeter's beam, nan where it is not known, and its standard
-    deviation.
+    """(2,) [m] estimated range along the altimeter's beam, nan where it is not known, and its
+    standard deviation.
     """
     age: Annotated[Vector, Sized(2)]
-    """(2,) [s] of the oldest needed channel, and of the joint positions."""
+    """(2,) [s] age of the oldest needed channel, and of the joint positions."""
     std: Annotated[Vector, Sized("n_commanded")]
     """(6 + n_joints,) [m, rad] standard deviations of position in W, attitude in B, joints."""
 
@@ -335,29 +338,34 @@ def filter_memory(n_joints: int) -> FilterMemory:
 
 @checked_dataclass()
 class EstimatorTuning:
-    """Rates at which the robot, the floor and the biases of sensors are expected to change.
+    """Tuning of the filter: rates at which the robot, the floor and the biases of sensors are
+    expected to change.
 
     Larger: less lag, more noise. Raises `InvalidInput` for a number not > 0.
     """
 
     jerk: Positive = 0.1
-    """[m/s3/sqrt(Hz)] of the vehicle at most; without an accelerometer less, where the innovations
-    of the DVL are smaller.
+    """[m/s3/sqrt(Hz)] largest jerk of the vehicle; without an accelerometer less, where the
+    innovations of the DVL are smaller.
     """
     angular_jerk: Positive = 0.5
-    """[rad/s3/sqrt(Hz)] of the vehicle."""
+    """[rad/s3/sqrt(Hz)] angular jerk of the vehicle."""
     gyro_bias: Positive = 1e-3
-    """[rad/s] expected at first, beside the one that the sensor is said to have; so are the next
-    two.
+    """[rad/s] bias of the gyro that is expected at first, beside the one that the sensor is said to
+    have.
     """
     dvl_bias: Positive = 1e-4
-    """[m/s]"""
+    """[m/s] bias of the DVL that is expected at first, beside the one that the sensor is said to
+    have.
+    """
     force_bias: Positive = 0.02
-    """[m/s2] of the accelerometer."""
+    """[m/s2] bias of the accelerometer that is expected at first, beside the one that the sensor is
+    said to have.
+    """
     joint_acceleration: Positive = 0.04
-    """[rad/s2/sqrt(Hz)]"""
+    """[rad/s2/sqrt(Hz)] acceleration of the joints."""
     floor_roughness: Positive = 0.3
-    """Slope."""
+    """Slope of the floor, which makes its height below the vehicle change with the way."""
 
 
 # What the filter is told once: the noise of the sensors, how the robot is expected to move, and

@@ -1,4 +1,4 @@
-"""Kalman filters of the joints, one each, as kernels."""
+"""Filter each joint by a Kalman filter of its own, as kernels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CLEAR_WAY = 40.0  # times the noise of an encoder from which on a way of one ti
 
 
 def predict_joints(filter: FilterMemory) -> None:
-    """Advance by the time of the tick."""
+    """Predict the states and covariances of all joints at the end of the tick."""
     dt = filter.dt
     drive = filter.drive[filtering.ProcessNoise.JOINT] * filter.drive[filtering.ProcessNoise.JOINT]
     h = min(filtering.LONGEST_STEP, dt)
@@ -81,7 +81,7 @@ def _clear(filter: FilterMemory, j: int, i: int, variance: float) -> None:
 
 
 def fuse_joints(filter: FilterMemory) -> None:
-    """Use what is fresh, then clone what late channels see now."""
+    """Fuse the fresh readings, then clone the present state for late channels."""
     update.space_clones(filter, _FIRST, filtering.N_CHANNELS, JOINT_SLOTS)
     if _are_of_one_time(filter):
         for j in range(filter.n_joints):
@@ -123,7 +123,9 @@ def _is_thrown(filter: FilterMemory, j: int) -> bool:
 
 
 def _expect_thrown(filter: FilterMemory, j: int) -> None:
-    """Position and rate may be as far off as their readings tell, by one and the same throw."""
+    """Inflate the variances of position and rate to what their readings tell, by one and the same
+    throw.
+    """
     off = filter.joint_value[0][j] - filter.joint_x[j][0]
     rate_off = filter.joint_value[1][j] - filter.joint_x[j][1]
     filter.joint_P[j][0][0] += off * off
@@ -173,7 +175,7 @@ def _predicted(filter: FilterMemory, j: int, k: int, slot: int) -> float:
 
 
 def _rate(filter: FilterMemory, j: int, k: int, slot: int) -> float:
-    """Return how fast that changes [per s]."""
+    """Return the rate of the predicted measurement [per s]."""
     present_rate = 0.0 if k != 0 else filter.joint_x[j][1]
     if slot < 0:
         return present_rate
@@ -188,7 +190,7 @@ def _rate_variance(filter: FilterMemory, j: int, k: int, slot: int) -> float:
 
 
 def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
-    """Believe the readings of the joints or not, and use them."""
+    """Gate the readings of the joints, and fuse those that are consistent."""
     k = c - _FIRST
     n = _active(filter)
     accepted = True
@@ -252,7 +254,7 @@ def _is_consistent(filter: FilterMemory, c: int, j: int, nu: float, S: float) ->
 
 
 def _inflate_surprised(filter: FilterMemory, j: int, c: int, squared: float) -> None:
-    """A joint has done what it can and the process model did not expect.
+    """Inflate the variances of a joint that has moved as the process model did not expect.
 
     What is more than twice an acceleration that is planned came at once, where positions are in
     time and alone tell of it: it was faster ever since the last reading that was believed. Less may
@@ -275,7 +277,7 @@ def _inflate_surprised(filter: FilterMemory, j: int, c: int, squared: float) -> 
 
 
 def _relax(filter: FilterMemory, j: int, c: int, squared: float) -> None:
-    """The state, and its clones with it, is wrong by an unknown amount."""
+    """Inflate the variances of the state and its clones, which are wrong by an unknown amount."""
     for slot in range(JOINT_SLOTS):
         if filter.joint_owner[slot] != c:
             filter.joint_owner[slot] = -1.0
@@ -284,7 +286,7 @@ def _relax(filter: FilterMemory, j: int, c: int, squared: float) -> None:
 
 
 def _inflate_own(filter: FilterMemory, j: int, c: int, variance: float) -> None:
-    """An error of that variance of what the channel sees of a joint, now and in its clones."""
+    """Add a common error of a variance to what the channel sees of a joint, now and in its clones."""
     for a in range(JOINT_STATES):
         for b in range(JOINT_STATES):
             if _is_of(filter, c, a) and _is_of(filter, c, b):
@@ -299,7 +301,7 @@ def _is_of(filter: FilterMemory, c: int, state: int) -> bool:
 
 
 def _correct(filter: FilterMemory, j: int, state: int, nu: float, R: float, n: int) -> None:
-    """The Kalman update."""
+    """Correct the state of a joint by the Kalman update."""
     S = filter.joint_P[j][state][state] + R
     gain = zeros(JOINT_STATES)
     row = zeros(JOINT_STATES)

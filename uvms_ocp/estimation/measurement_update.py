@@ -67,8 +67,8 @@ def space_clones(filter: FilterMemory, first: int, last: int, slots: int) -> Non
 
 
 def _least(c: int) -> float:
-    """[s] between two clones at least: motion is smooth enough in between. Joints have no need to
-    save.
+    """Return the shortest time [s] between two clones of a channel: motion is smooth enough in
+    between. Joints have no need to save.
     """
     if c < filtering.N_VEHICLE:
         return _SPACING * filtering.orders_of(c)
@@ -92,10 +92,10 @@ def update_lag(filter: FilterMemory, c: int) -> None:
 def nearest_clone(
     filter: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int
 ) -> int:
-    """The clone for the fresh reading of channel c, `NOW` for none, `NONE` where what there is is
-    not near enough.
+    """Return the clone for the fresh reading of channel c, `NOW` where it needs none, `NONE` where
+    no clone is near enough.
 
-    owner (slots,) and taken (slots,) [s]: channel and time of each clone.
+    owner (slots,), clone_times (slots,) [s]: channel and time of each clone.
     """
     best = NOW
     nearest = abs(filter.stamp[c] - filter.now)
@@ -135,7 +135,7 @@ def free_expired(
 ) -> None:
     """Free clones of channel c whose readings are lost, or that are older than the last one.
 
-    owner (slots,) and taken (slots,) [s]: channel and time of each clone.
+    owner (slots,), clone_times (slots,) [s]: channel and time of each clone.
     """
     for slot in range(slots):
         lost = filter.now - clone_times[slot] > filter.lag[c] + 2.0 * filter.dt + EARLY
@@ -144,7 +144,7 @@ def free_expired(
 
 
 def free_slot(owner: Vector, slots: int) -> int:
-    """The first free one, `NOW` for none; owner (slots,)."""
+    """Return the first free slot, `NOW` for none; owner (slots,): channel of each clone."""
     for slot in range(slots):
         if owner[slot] < 0.0:
             return slot
@@ -152,8 +152,8 @@ def free_slot(owner: Vector, slots: int) -> int:
 
 
 def time_since_accepted(filter: FilterMemory, c: int) -> float:
-    """Time [s] in which the robot can have done something else since the last reading of channel c
-    that was believed.
+    """Return the time [s] in which the robot can have done something else since the last reading of
+    channel c that was believed.
 
     Of depths, since the last of a fix, too: both tell the height.
     """
@@ -165,8 +165,8 @@ def time_since_accepted(filter: FilterMemory, c: int) -> float:
 
 
 def planned_allowance(filter: FilterMemory, c: int) -> float:
-    """Variance that the gate grants channel c for accelerations that the process model does not
-    expect.
+    """Return the variance that the gate grants channel c for accelerations that the process model
+    does not expect.
 
     Of what the robot can have planned since the last reading that was believed; the gate is five
     standard deviations wide. A velocity that nothing but the channel tells of is that of two
@@ -179,8 +179,8 @@ def planned_allowance(filter: FilterMemory, c: int) -> float:
 
 
 def jolt_allowance(filter: FilterMemory, c: int) -> float:
-    """Variance that the gate grants channel c for a jolt that nobody planned: what it can move within
-    one period, or what is left of a motion that surprised.
+    """Return the variance that the gate grants channel c for a jolt that nobody planned: what it
+    can move within one period, or what is left of a motion that surprised.
 
     A jump that is larger is refused for as long as it lasts.
     """
@@ -194,7 +194,7 @@ def jolt_allowance(filter: FilterMemory, c: int) -> float:
 
 
 def _unseen_turning_time(filter: FilterMemory, c: int) -> float:
-    """Time [s] in which the vehicle can have begun to turn before a late gyro shows it."""
+    """Return the time [s] in which the vehicle can have begun to turn before a late gyro shows it."""
     if c == ChannelIndex.ATTITUDE or c == ChannelIndex.ANGULAR_VELOCITY:
         return min(filter.lag[ChannelIndex.ANGULAR_VELOCITY], _LONGEST_UNSEEN)
     return 0.0
@@ -237,7 +237,7 @@ def record_outcome(
 
 
 def fuse(filter: FilterMemory) -> None:
-    """Use what is fresh, then clone what late channels see now."""
+    """Fuse the fresh readings, then clone the present state for late channels."""
     space_clones(filter, 0, filtering.N_VEHICLE, SLOTS)
     velocity = int(ChannelIndex.LINEAR_VELOCITY)
     if filter.now - filter.used[velocity] > filter.lag[velocity] + filter.recovery[velocity]:
@@ -390,7 +390,7 @@ def _set_floor(filter: FilterMemory, age: float, n: int) -> None:
 
 
 def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
-    """Believe a reading or not, and use it."""
+    """Gate a reading, and fuse it where it is consistent."""
     nu = zeros(3)
     rows = rows_of(c)
     predicted = filter.predicted
@@ -442,7 +442,9 @@ def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
 
 
 def _innovation(filter: FilterMemory, c: int, delta: float, nu: Vector) -> None:
-    """Measured minus predicted, which is carried on by delta [s], (rows,)."""
+    """Compute the innovation (rows,): measured minus predicted measurement, which is carried on by
+    delta [s].
+    """
     predicted = filter.predicted
     value = filter.value[c]
     if c != ChannelIndex.ATTITUDE:
@@ -473,7 +475,7 @@ def _innovation(filter: FilterMemory, c: int, delta: float, nu: Vector) -> None:
 
 
 def _noise(filter: FilterMemory, c: int, delta: float) -> float:
-    """Variance of every entry of the reading."""
+    """Return the variance of the noise of each entry of a reading."""
     sigma = filter.sigma[c] * (filter.predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
     walk = 0.0
     if c == ChannelIndex.SPECIFIC_FORCE:
@@ -538,8 +540,8 @@ def _relax(filter: FilterMemory, c: int, squared: float) -> None:
 
 
 def _inflate_surprised(filter: FilterMemory, c: int, squared: float) -> None:
-    """The robot has done what it can and the process model did not expect, or what carries the
-    estimate is biased.
+    """Inflate the variances where the robot has moved as the process model did not expect, or what
+    carries the estimate is biased.
 
     The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again
     soon.
@@ -568,7 +570,8 @@ def _inflate_surprised(filter: FilterMemory, c: int, squared: float) -> None:
 
 
 def _inflate_own(filter: FilterMemory, c: int, variance: float, rate: float) -> None:
-    """An error of that variance of what the channel alone can put right, now and in its clones.
+    """Add a common error of a variance to what the channel alone can put right, now and in its
+    clones.
 
     rate [1/s]: by which it has grown, where nothing but the channel tells of the velocity.
     """
@@ -609,8 +612,8 @@ def _inflate_own(filter: FilterMemory, c: int, variance: float, rate: float) -> 
 
 
 def _correct(filter: FilterMemory, c: int, nu: Vector, noise: float) -> None:
-    """The Kalman update. Echoes move the floor alone, and its clones: they are no means to tell
-    where the vehicle is.
+    """Correct the state by the Kalman update. Echoes move the floor alone, and its clones: they do
+    not tell where the vehicle is.
     """
     predicted = filter.predicted
     rows = rows_of(c)
@@ -638,7 +641,7 @@ def _correct(filter: FilterMemory, c: int, nu: Vector, noise: float) -> None:
 
 @wide
 def _lose(filter: FilterMemory, u: Vector, v: Vector, w: Vector, n: int) -> None:
-    """The loss of variance of a reading of three numbers."""
+    """Subtract the variance that a reading of three numbers takes away."""
     for i in range(n):
         row = filter.P[i]
         a = u[i]
@@ -649,7 +652,9 @@ def _lose(filter: FilterMemory, u: Vector, v: Vector, w: Vector, n: int) -> None
 
 
 def _lose_one(filter: FilterMemory, u: Vector, n: int, floor: bool) -> None:
-    """The loss of variance of a reading of one number; floor: on the floor and its clones alone."""
+    """Subtract the variance that a reading of one number takes away; floor: of the floor and its
+    clones alone.
+    """
     for i in range(n):
         moved = not floor or _is_of_floor(filter, i)
         if not moved:

@@ -25,7 +25,7 @@ from uvms_ocp.robot.shapes.gjk import rotated
 
 
 def rotation(q: Vector, R: Vector) -> None:
-    """R (9,) of the quaternion q (4,)."""
+    """Write the rotation matrix of the quaternion q (4,) into R (9,)."""
     x = q[0]
     y = q[1]
     z = q[2]
@@ -147,8 +147,8 @@ def clear(filter: FilterMemory, i: int, n: int, variance: float) -> None:
 
 
 def _limit_to(filter: FilterMemory, i: int, n: int, variance: float) -> None:
-    """Less variance and no less correlation: clones whose readings are on their way still depend on
-    entry i.
+    """Reduce the variance of entry i and keep its correlations: clones whose readings are on their
+    way still depend on it.
     """
     share = math.sqrt(variance / filter.P[i][i])
     for j in range(i):
@@ -159,7 +159,7 @@ def _limit_to(filter: FilterMemory, i: int, n: int, variance: float) -> None:
 
 
 def is_unknown(filter: FilterMemory, first: int, n: int) -> bool:
-    """Return whether any of n entries of the error state is."""
+    """Return whether any of n entries of the error state is unknown, from the first on."""
     unknown = False
     for i in range(first, first + n):
         unknown = unknown or filter.P[i][i] > filtering.UNKNOWN * filter.limit[i] * filter.limit[i]
@@ -174,15 +174,15 @@ def mean_variance(filter: FilterMemory, first: int) -> float:
 
 
 def is_determined(variance: float, largest: float) -> bool:
-    """Return whether a variance [square of a unit] is within `most` [the same]; below zero rounding
+    """Return whether a variance is within the largest [square of a unit, both]; below zero rounding
     has eaten it.
     """
     return 0.0 <= variance <= largest
 
 
 def response_variance(filter: FilterMemory, change: float) -> float:
-    """Variance of a velocity after a tick in which the asked one made a change [m/s, rad/s]: the
-    faster, the less it follows.
+    """Return the variance of a velocity after a tick in which the commanded one made a change [m/s,
+    rad/s]: the faster, the less it follows.
 
     That of an error with the time constant of the response and a standard deviation in proportion
     to the asked acceleration: a share of a step, however it is divided into ticks.
@@ -197,7 +197,7 @@ def response_variance(filter: FilterMemory, change: float) -> float:
 
 
 def predict(filter: FilterMemory) -> None:
-    """Advance by the time of the tick."""
+    """Predict state and covariance at the end of the tick."""
     if filter.has_command:
         _follow(filter)
     dt = filter.dt
@@ -252,7 +252,7 @@ def _change(filter: FilterMemory, i: int, change: float) -> None:
 
 @wide
 def _move_rows(filter: FilterMemory, n: int, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
-    """Rows of F P, columns 0 to n, in which turns have E and h J and h^2 J / 2."""
+    """Compute the rows of F P, columns 0 to n, in which turns have E and h J and h^2 J / 2."""
     half = h * h / 2.0
     t = zeros(3)
     for j in range(n):
@@ -333,7 +333,7 @@ def _diffuse(filter: FilterMemory, dt: float, J: Vector) -> None:
 
 
 def _relief(filter: FilterMemory) -> float:
-    """Variance [m2/s] of the floor that passes below the altimeter."""
+    """Return the variance [m2/s] of the floor that passes below the altimeter."""
     R = zeros(9)
     arm = zeros(3)
     velocity = zeros(3)
@@ -374,7 +374,7 @@ def _forget_unknown(filter: FilterMemory, n: int) -> None:
 
 
 def inflate_velocity_variance(filter: FilterMemory, rests: bool) -> None:
-    """Linear velocity may be anything that vehicles do. A kernel.
+    """Inflate the variance of the linear velocity to anything that vehicles do. A kernel.
 
     It has been so for `EXPOSED_FOR`, and the position that it was carried on with is wrong along
     with it: were that right, the next fix would be explained by a velocity of the last tick alone.
@@ -453,7 +453,7 @@ def _model(filter: FilterMemory, predicted: PredictedMeasurement, c: int) -> Non
 
 
 def _see(filter: FilterMemory, predicted: PredictedMeasurement, part: int, rate: int) -> None:
-    """A part of the state, whose rate is another one."""
+    """Predict the measurement of a part of the state, whose rate is another part."""
     predicted.rate_variance = mean_variance(filter, rate)
     for i in range(3):
         predicted.rate[i] = filter.x[rate + i]
@@ -461,7 +461,7 @@ def _see(filter: FilterMemory, predicted: PredictedMeasurement, part: int, rate:
 
 
 def _see_in_body(filter: FilterMemory, predicted: PredictedMeasurement, force: bool) -> None:
-    """The velocity in B, or the specific force."""
+    """Predict the measurement of the velocity in B, or of the specific force."""
     if force:
         velocity_part = int(Part.ACCELERATION)
         bias = int(Part.FORCE_BIAS)
@@ -499,7 +499,9 @@ def _see_in_body(filter: FilterMemory, predicted: PredictedMeasurement, force: b
 
 
 def _see_floor(filter: FilterMemory, predicted: PredictedMeasurement) -> None:
-    """Altitude of the altimeter above the floor, and cosine of the tilt of its beam."""
+    """Predict the altitude of the altimeter above the floor, and the cosine of the tilt of its
+    beam.
+    """
     R = zeros(9)
     down = zeros(3)
     arm = zeros(3)
@@ -568,14 +570,14 @@ def divide(predicted: PredictedMeasurement, n: int, x: Vector) -> None:
 
 
 def second_derivative(filter: FilterMemory, c: int, i: int) -> float:
-    """Entry i of the second derivative of what a channel that sets a part sees."""
+    """Return entry i of the second derivative of what a channel that sets a part sees."""
     if c == ChannelIndex.ATTITUDE:
         return filter.x[Part.SPIN_UP + i]
     return filter.x[Part.ACCELERATION + (i if filtering.rows_of(c) == 3 else 2)]
 
 
 def process_variance(filter: FilterMemory, c: int, age: float) -> float:
-    """Variance of the way since a reading of that age [s], by the predicted measurement."""
+    """Return the variance of the way since a reading of an age [s], by the predicted measurement."""
     turns = c == ChannelIndex.ATTITUDE
     squared = age * age
     drive = filter.drive[ProcessNoise.ANGULAR_JERK if turns else ProcessNoise.JERK]

@@ -42,7 +42,8 @@ _ANY = 1e12  # [unit of the channel] growth of what has no limits
 _FASTEST = 10.0  # [rad/s or m/s] of a joint without limits
 _WHOLE = ("attitude",)  # whose components cannot be judged one by one: some hardly change
 _RATES = ("angular_velocity", "linear_velocity", "joint_velocities")
-"""Exact ones may belong to a plant whose velocities jump, as the paper's does."""
+"""Channels of rates: exact ones may belong to a plant whose velocities jump, as the paper's does.
+"""
 _RIVALS = {
     "attitude": ("angular_velocity",),
     "angular_velocity": ("attitude",),
@@ -50,7 +51,7 @@ _RIVALS = {
     "depth": ("position", "linear_velocity"),
     "linear_velocity": ("position",),
 }
-"""Channels that may be why the estimate does not agree with one."""
+"""Channels that may be the reason why the estimate does not agree with another one."""
 
 
 def health_memory(

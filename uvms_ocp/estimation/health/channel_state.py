@@ -191,9 +191,9 @@ class HealthMemory(Layout):
     depth: redundancy.DepthAgainstPosition
     heights: redundancy.HeightPairs
     culprit: int
-    """`ChannelIndex` of the one that height is wrong by, -1 for none."""
+    """`ChannelIndex` of the channel by which the height is wrong, -1 for none."""
     blamed_at: float
-    """[s] when it was found last."""
+    """[s] time at which it was found last."""
     encoder: redundancy.RateAgainstEncoder
 
 
@@ -358,7 +358,9 @@ def _by_silence(channel: ChannelMemory, quiet: float, period: float) -> int:
 
 
 def _be_silent(channel: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
-    """anew: the verdict changes, and its reason gets new figures."""
+    """Give silence, or an echo that is missing, as the reason; anew: the verdict changes, and its
+    reason gets new figures.
+    """
     code = channel.complaint.code
     if (
         code == Reason.NONE

@@ -39,19 +39,19 @@ class FloorPoint(Layout):
     """Point of the floor in W from which an echo came."""
 
     t: float
-    """[s] when."""
+    """[s] time of the echo."""
     x: float
-    """[m]"""
+    """[m] x of the point."""
     y: float
-    """[m]"""
+    """[m] y of the point."""
     z: float
-    """[m]"""
+    """[m] z of the point."""
     sensor_x: float
-    """[m]"""
+    """[m] x of the altimeter."""
     sensor_y: float
-    """[m]"""
+    """[m] y of the altimeter."""
     sensor_z: float
-    """[m]"""
+    """[m] z of the altimeter."""
     lowest: float
     """[m] lowest place of the sensor until the next spot that is kept."""
     highest: float
@@ -59,7 +59,7 @@ class FloorPoint(Layout):
 
 
 class FloorPoints(Layout):
-    """In the order of time, in a ring."""
+    """Points of the floor in the order of time, in a ring."""
 
     first: int
     count: int
@@ -98,7 +98,7 @@ def keep_alone(floor_points: FloorPoints, new: FloorPoint) -> None:
 
 
 def copy_floor_points(to: FloorPoints, source: FloorPoints) -> None:
-    """Make one the same as the other."""
+    """Copy all points of the source."""
     to.first = to.count = 0
     for k in range(source.count):
         append_floor_point(to, source.kept[slot_of(source, k)])
@@ -144,7 +144,7 @@ def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
 
 
 def vertical_travel(floor_points: FloorPoints) -> float:
-    """[m] between the lowest and the highest place of the sensor."""
+    """Return the height [m] between the lowest and the highest place of the sensor."""
     lowest = math.inf
     highest = -math.inf
     for k in range(floor_points.count):
@@ -178,7 +178,7 @@ class FloorMemory(Layout):
     slope: float
     """Slope of the steepest floor."""
     relief: float
-    """[m] of the highest step."""
+    """[m] height of the highest step."""
     here: FloorPoint
     """Newest point of the floor."""
     accepted: FloorPoints
@@ -196,8 +196,8 @@ def init_floor(memory: FloorMemory, sigma: float, tuning: HealthTuning) -> None:
 
 
 def accept_echo(floor: FloorMemory, why: Complaint) -> bool:
-    """Return whether to believe the echo from `here`, in order of time; what speaks against it
-    otherwise, or all the same.
+    """Return whether to believe the echo from `here`, in order of time; write what speaks against
+    it otherwise, or all the same, into `why`.
     """
     oldest = floor.here.t - _MEMORY
     candidates = floor.candidates
@@ -262,7 +262,9 @@ def _farther(floor: FloorMemory, step: float, why: Complaint) -> bool:
 
 
 def _tolerance(floor: FloorMemory) -> float:
-    """[m] by which an echo may differ from the first one that was not believed, of one floor."""
+    """Return by how much [m] an echo of one floor may differ from the first one that was not
+    believed.
+    """
     return 0.5 * (
         floor.base
         + height_allowance(floor.here, floor.candidates.kept[floor.candidates.first], floor.slope)

@@ -39,8 +39,8 @@ class GatedEstimator(Protocol):
 
     @property
     def outcomes(self) -> Array:
-        """(9, 4) [s, -, -, -] of the newest reading of each channel that was compared with the
-        estimate, changed in place.
+        """Outcome (9, 4) [s, -, -, -] of the gate on the newest reading of each channel that was
+        compared with the estimate, changed in place.
 
         When it was taken, its normalised innovation squared, the degrees of freedom of that, and 1
         if it was fused; nan before the first. In the order of `filter_memory.Channel`.
@@ -127,7 +127,7 @@ class GuardedEstimator(TableDisplay):
         )
 
     def estimate(self) -> StateEstimate:
-        """Return what the kernels have left in memory at a tick."""
+        """Return the estimate that the kernels have left in memory at a tick."""
         present = self.monitor.memory.now
         estimator = self.estimator
         if isinstance(estimator, Estimator):

@@ -73,7 +73,7 @@ class EstimateSupport(Layout):
     oldest: int
     """Number of the least supported channel, -1 for none."""
     joint_age: float
-    """[s] of the joint positions alone."""
+    """[s] age of the joint positions alone."""
     echo: bool
     """The altitude is known."""
 
@@ -179,7 +179,7 @@ class PassThroughMemory(Layout):
     """Channels that q and v of a pass-through are made of."""
 
     n: int
-    """Channels of either."""
+    """Number of channels of q, and of v."""
     of_q: Annotated[list[int], Sized(3)]
     """(n,) numbers of the channels of q, one after the other."""
     of_v: Annotated[list[int], Sized(3)]
@@ -321,19 +321,23 @@ def finish(
 
 
 def screen_tick(m: channel_state.HealthMemory) -> None:
-    """`screen` with the inputs in memory."""
+    """Screen the fresh readings, with the inputs of `screen` in memory. A kernel."""
     screen(m, m.tick_t, m.moving)
 
 
 def finish_tick(m: channel_state.HealthMemory, support: EstimateSupport, outcomes: Vector) -> None:
-    """`finish` with the time in memory, where the number of changed verdicts is left."""
+    """Judge all channels, with the time of `finish` in memory, where the number of changed verdicts
+    is left. A kernel.
+    """
     m.n_changed = finish(m, support, outcomes, m.tick_t)
 
 
 def screen_and_finish_tick(
     m: channel_state.HealthMemory, support: EstimateSupport, pass_through: PassThroughMemory
 ) -> None:
-    """`screen_tick`, and `finish_tick` of the readings that are used, taken for the truth."""
+    """Screen the fresh readings, and judge all channels by those in use, taken for the truth. A
+    kernel.
+    """
     screen(m, m.tick_t, m.moving)
     repeat(m, pass_through)
     m.n_changed = _update_all_trust(m, support, m.tick_t)
@@ -460,7 +464,7 @@ class HealthMonitor:
 
     @property
     def unexplained(self) -> Array:
-        """(n_v,) [m, rad] by which q may be off since readings were refused and came back
+        """Errors (n_v,) [m, rad] that q may have since readings were refused and came back
         elsewhere.
         """
         n_joints = len(self._rates)

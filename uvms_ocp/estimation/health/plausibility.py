@@ -30,13 +30,15 @@ readings fit into a hundred hours of gyro.
 
 
 def conjugate(a: Vector) -> None:
-    """Turn it (4,) round in place."""
+    """Conjugate the quaternion a (4,) in place."""
     for i in range(3):
         a[i] = -a[i]
 
 
 def small_rotation(by: Vector, share: float, out: Vector) -> None:
-    """Out (4,) becomes the small rotation by share of the vector `by` (3,) [rad]."""
+    """Write the quaternion of a small rotation by a share of the vector `by` (3,) [rad] into out
+    (4,).
+    """
     for i in range(3):
         out[i] = 0.5 * (share * by[i])
     out[3] = 1.0 - 0.5 * (out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
@@ -44,8 +46,8 @@ def small_rotation(by: Vector, share: float, out: Vector) -> None:
 
 
 def rotate(q: Vector, by: Vector, out: Vector) -> None:
-    """Out (3,) becomes the vector `by` (3,) turned by the quaternion at entries 3 to 6 of q;
-    another array than `by`.
+    """Write the vector `by` (3,), rotated by the quaternion at entries 3 to 6 of q, into out (3,),
+    which is another array.
     """
     u = zeros(3)
     u[0] = 2.0 * (q[4] * by[2] - q[5] * by[1])
@@ -57,7 +59,7 @@ def rotate(q: Vector, by: Vector, out: Vector) -> None:
 
 
 def angle_between(a: Vector, b: Vector) -> float:
-    """[rad] by which the rotations a (4,) and b (4,) differ."""
+    """Return the angle [rad] between the rotations of the quaternions a (4,) and b (4,)."""
     back = zeros(4)
     between = zeros(4)
     back[:4] = b[:4]
@@ -74,15 +76,15 @@ class PastEstimate(Layout):
     """Estimate of one tick, kept for comparisons with later readings."""
 
     t: float
-    """[s]"""
+    """[s] time of the tick."""
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad]"""
+    """(n_q,) [m, rad] estimated configuration."""
     v: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s]"""
+    """(n_v,) [m/s, rad/s] estimated velocity."""
     beam_at: Annotated[Vector, Sized(3)]
     """(3,) [m] the altimeter in B."""
     beam_up: Annotated[Vector, Sized(3)]
-    """(3,) its z axis in B."""
+    """(3,) z axis of the altimeter in B."""
 
 
 class EstimateHistory(Layout):
@@ -113,7 +115,7 @@ def remember(history: EstimateHistory, present: PastEstimate) -> None:
 
 
 def slot_at(history: EstimateHistory, t: float) -> int:
-    """Slot of the estimate that was made nearest to time t [s]; -1 before the first."""
+    """Return the slot of the estimate that was made nearest to time t [s]; -1 before the first."""
     if history.count == 0:
         return -1
     low = 0
@@ -192,13 +194,13 @@ class PlausibilityGate(Layout):
 
     exists: bool
     channel: int
-    """`Channel`"""
+    """`ChannelIndex` of the channel."""
     size: int
     """Numbers of its value."""
     start: int
     """Index at which they begin in q or v."""
     base: float
-    """[unit of the channel]"""
+    """[unit of the channel] difference that is allowed at once."""
     noise: float
     """[unit of the channel] by which readings differ by themselves, of the base."""
     supported: float
@@ -206,7 +208,7 @@ class PlausibilityGate(Layout):
     alone: float
     """[unit of the channel / s] growth otherwise: what is physically possible."""
     jolt: float
-    """[unit of the channel / s2, or of a rate's / s] as in the memory of the filter."""
+    """[unit of the channel / s2, or of a rate's / s] unplanned acceleration that is allowed."""
     rates: int
     """Index in v of the first rate of the joints whose positions the channel tells; -1 for another
     channel.
@@ -216,7 +218,7 @@ class PlausibilityGate(Layout):
     or_by: int
     """A second channel that carries the estimate, -1 for none."""
     most: float
-    """[unit of the channel] norm that no value exceeds."""
+    """[unit of the channel] largest norm of a value that is possible."""
 
 
 def motion_within(gate: PlausibilityGate, estimate: PastEstimate, time: float) -> float:
@@ -294,13 +296,13 @@ class RepetitionMemory(Layout):
     """Counts of how often each component of a channel has repeated itself."""
 
     noise: float
-    """[unit of the channel] that it has at least."""
+    """[unit of the channel] standard deviation of the noise that the channel has, or less."""
     each: bool
     """Judge every component by itself, not all together alone."""
     alike: bool
     """All components have one resolution."""
     chance: float
-    """Logarithm of that which repetitions have without a fault."""
+    """Logarithm of the probability below which repetitions are no chance."""
     size: int
     """Components."""
     started: bool
@@ -407,8 +409,8 @@ def _log_probability(repetition: RepetitionMemory, i: int) -> float:
 
 
 def _common(measure: float, step: float, tolerance: float) -> float:
-    """The greatest common measure of two lengths > 0, by Euclid, not below the tolerance; inf is a
-    multiple of all.
+    """Compute the greatest common measure of two lengths > 0 by Euclid's algorithm, not below the
+    tolerance; inf is a multiple of all.
     """
     while step > tolerance:
         if math.isfinite(measure):
@@ -439,14 +441,14 @@ class EncoderMemory(Layout):
     rates: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad/s or m/s] that have been asked since the last tick."""
     asked: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m]"""
+    """(n_joints,) [rad or m] way that each joint was asked to go since its encoder last changed."""
     started: bool
     last: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad or m] the newest value."""
 
 
 def integrate_command(encoder: EncoderMemory, moving: bool, dt: float) -> None:
-    """The rates that have been asked for dt [s]; moving: there was a command, and no brakes."""
+    """Integrate the commanded rates over dt [s]; moving: there was a command, and no brakes."""
     for i in range(encoder.n):
         encoder.asked[i] = encoder.asked[i] + encoder.rates[i] * dt if moving else 0.0
 

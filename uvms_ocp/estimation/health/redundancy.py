@@ -52,14 +52,14 @@ _RATE_SIGMAS = 5.0  # of the way that rates integrate to, beside what its bias m
 
 
 class SampleRing(Layout):
-    """In the order of time."""
+    """Samples in the order of time, in a ring."""
 
     first: int
     count: int
     t: Annotated[Vector, Sized(LONGEST)]
-    """(64,) [s]"""
+    """(64,) [s] times of the samples."""
     value: Annotated[list[Vector], Sized(LONGEST, 4)]
-    """(64, 4) of any unit."""
+    """(64, 4) [unit of what is sampled] up to four numbers of each sample."""
 
 
 def ring_slot(ring: SampleRing, k: int) -> int:
@@ -68,7 +68,7 @@ def ring_slot(ring: SampleRing, k: int) -> int:
 
 
 def time_at(ring: SampleRing, k: int) -> float:
-    """[s] of entry k, from the oldest."""
+    """Return the time [s] of entry k, from the oldest."""
     return ring.t[ring_slot(ring, k)]
 
 
@@ -89,12 +89,12 @@ def drop_oldest(ring: SampleRing) -> None:
 
 
 def span_of(ring: SampleRing) -> float:
-    """[s] from the oldest to the newest."""
+    """Return the time [s] from the oldest to the newest entry."""
     return time_at(ring, ring.count - 1) - time_at(ring, 0)
 
 
 def mean_time(ring: SampleRing, start: int, n: int) -> float:
-    """[s] of n entries from `start` on."""
+    """Return the mean time [s] of n entries from `start` on."""
     total = 0.0
     for k in range(start, start + n):
         total += time_at(ring, k)
@@ -102,7 +102,7 @@ def mean_time(ring: SampleRing, start: int, n: int) -> float:
 
 
 def median_of(ring: SampleRing, i: int, start: int, n: int) -> float:
-    """Return the slot of number i of n entries from `start` on."""
+    """Return the median of number i of n entries from `start` on."""
     x = zeros(LONGEST)
     for k in range(n):
         value = ring.value[ring_slot(ring, start + k)][i]
@@ -117,8 +117,8 @@ def median_of(ring: SampleRing, i: int, start: int, n: int) -> float:
 
 
 def value_at(ring: SampleRing, i: int, t: float) -> float:
-    """Number i at time t [s], straight between entries, the oldest before them and the newest
-    after.
+    """Interpolate number i linearly at time t [s]; before the oldest entry it is that, after the
+    newest that.
     """
     after = ring.count - 1
     while after > 0 and time_at(ring, after - 1) > t:
@@ -143,11 +143,11 @@ class DriftWindow(Layout):
     span: float
     """[s] of what is remembered."""
     least: float
-    """[s] from which on it tells something."""
+    """[s] shortest span that tells something."""
     spacing: float
-    """[s]"""
+    """[s] time between two samples."""
     tolerance: float
-    """[m/s] of a drift."""
+    """[m/s] largest drift without a fault."""
     share: float
     """Share of the way travelled by which the integrated velocity may err besides: its axes and
     scale.
@@ -155,7 +155,7 @@ class DriftWindow(Layout):
     noise: float
     """[m] standard deviation of a difference."""
     samples: SampleRing
-    """(3,) [m] differences in W, and the length of the way [m]."""
+    """Differences (3,) [m] in W, and the length of the way [m]."""
     drifted: bool
     """They drifted apart, and it is not known yet that this is over."""
 
@@ -168,9 +168,9 @@ class VelocityAgainstPosition(Layout):
     t: float
     """[s] of the last velocity."""
     way: Annotated[Vector, Sized(4)]
-    """(4,) [m] in W, and its length."""
+    """(4,) [m] integrated velocity in W, and the length of the way."""
     velocity: Annotated[Vector, Sized(3)]
-    """(3,) [m/s] in W."""
+    """(3,) [m/s] last velocity in W."""
     ways: SampleRing
     """`way` at the last readings of the DVL, which late fixes may be compared with."""
     quick: DriftWindow
@@ -187,15 +187,15 @@ class RateAgainstAttitude(Layout):
     """The turn between two attitudes against that of the gyro, integrated over the same time."""
 
     tolerance: float
-    """[rad/s]"""
+    """[rad/s] largest drift without a fault, over a short time."""
     t: float
     """[s] of the last rate."""
     turn: Annotated[Vector, Sized(4)]
-    """(4,) """
+    """(4,) quaternion xyzw of the turn that the rates integrate to."""
     rate: Annotated[Vector, Sized(3)]
-    """(3,) [rad/s]"""
+    """(3,) [rad/s] last rate in B."""
     slow_tolerance: float
-    """[rad/s]"""
+    """[rad/s] largest drift without a fault, over a longer time."""
     offsets: SampleRing
     """Difference of attitudes from the integrated rate: constant in B where both turn alike."""
     slow_offsets: SampleRing
@@ -212,17 +212,17 @@ class DepthAgainstPosition(Layout):
     """The depth against the z of position fixes, less what they differed by at first."""
 
     tolerance: float
-    """[m]"""
+    """[m] change of the difference without a fault."""
     t: float
     """[s] of the last depth."""
     depth: float
-    """[m]"""
+    """[m] z in W by the last depth."""
     count: int
-    """Fixes."""
+    """Number of fixes."""
     first: float
-    """[m] the sum of the first differences."""
+    """[m] sum of the first differences."""
     last: Annotated[Vector, Sized(_LAST)]
-    """(5,) [m] of the newest ones, in a ring."""
+    """(5,) [m] newest differences, in a ring."""
     ratio: float
     """Change of the difference, as a share of what is allowed; -1 where it is not known."""
 
@@ -237,7 +237,7 @@ class RateAgainstEncoder(Layout):
     tolerance: float
     """[rad/s or m/s] of a drift."""
     noise: float
-    """[rad or m] of a difference of two positions."""
+    """[rad or m] standard deviation of a difference of two positions."""
     awaited: bool
     """The rates of the newest position have not come yet."""
     position_t: float
@@ -251,9 +251,9 @@ class RateAgainstEncoder(Layout):
     t: float
     """[s] of the last rates."""
     rate: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad/s or m/s]"""
+    """(n_joints,) [rad/s or m/s] last rates."""
     rate_before: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad/s or m/s]"""
+    """(n_joints,) [rad/s or m/s] rates before the last."""
     way: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad or m] integrated rates."""
     variance: Annotated[Vector, Sized("n_joints")]
@@ -261,19 +261,19 @@ class RateAgainstEncoder(Layout):
     it.
     """
     older_t: float
-    """[s] of the mark that is compared with."""
+    """[s] time of the older mark, with which positions are compared."""
     newer_t: float
-    """[s] of the next one, -inf before the first."""
+    """[s] time of the newer mark, -inf before the first."""
     older: Annotated[list[Vector], Sized("n_joints", 4)]
     """(n_joints, 4) at the mark: offset of the encoder, way, what a late rate makes of it [rad or
     m], and variance.
     """
     newer: Annotated[list[Vector], Sized("n_joints", 4)]
-    """(n_joints, 4) at the next one."""
+    """(n_joints, 4) the same four numbers at the newer mark."""
     worst: int
     """Joint that drifts the most beyond what is allowed."""
     drift: float
-    """[rad/s or m/s] of that joint."""
+    """[rad/s or m/s] drift of that joint."""
 
 
 def init_comparisons(
@@ -284,7 +284,7 @@ def init_comparisons(
     noise: dict[str, float],
     bias: dict[str, float],
 ) -> None:
-    """Prepare all four; noise and bias [unit of the channel] of each channel."""
+    """Prepare all four comparisons; noise and bias [unit of the channel] of each channel."""
     fix = noise["position"]
     turn = math.sqrt(2.0) * noise["attitude"]
     for window, sigma in ((velocity.quick, fix), (velocity.quick_depth, noise["depth"])):
@@ -313,7 +313,7 @@ def init_comparisons(
 
 
 def update_velocity(comparison: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
-    """The DVL's velocity v_W (3,) [m/s] in W at time t [s]."""
+    """Integrate the DVL's velocity v_W (3,) [m/s] in W at time t [s]."""
     dt = t - comparison.t
     is_connected = 0.0 <= dt <= _BLIND
     if not is_connected:
@@ -332,8 +332,8 @@ def update_velocity(comparison: VelocityAgainstPosition, v_W: Vector, t: float) 
 
 
 def compare_place(comparison: VelocityAgainstPosition, value: Vector, t: float, first: int) -> bool:
-    """A fix (3,) [m] in W at time t [s] is compared, in `quick` and `slow`, or a depth (1,) [m], in
-    `depth`; whether it could be.
+    """Compare a fix (3,) [m] in W at time t [s], in `quick` and `slow`, or a depth (1,) [m], in
+    `depth`; return whether that was possible.
 
     first: the axis that the value begins with, 0 of a fix and 2 of a depth.
     """
@@ -383,8 +383,8 @@ def _append_offset(window: DriftWindow, offset: Vector, t: float, is_comparable:
 
 
 def drift_rate(window: DriftWindow, first: int) -> float:
-    """Rate [m/s] at which the two places of a window drift apart along axes `first` to 2; 0 where
-    they agree, or too little is known.
+    """Return the rate [m/s] at which the two places of a window drift apart along axes `first` to
+    2; 0 where they agree, or too little is known.
     """
     if drift_ratio(window, first, window.least) > 1.0:
         return _change(window, first) / _time_of_change(window)
@@ -409,8 +409,8 @@ def drift_ratio(window: DriftWindow, first: int, least: float) -> float:
 
 
 def _change(window: DriftWindow, first: int) -> float:
-    """[m] along axes `first` to 2 from the first third of the span to the last one, by their medians,
-    which fixes that are far off now and then do not move.
+    """Return the change [m] along axes `first` to 2 from the first third of the span to the last
+    one, by their medians, which fixes that are far off now and then do not move.
     """
     samples = window.samples
     n = samples.count // 3
@@ -422,15 +422,15 @@ def _change(window: DriftWindow, first: int) -> float:
 
 
 def _time_of_change(window: DriftWindow) -> float:
-    """[s] from the first third of the span to the last one."""
+    """Return the time [s] from the first third of the span to the last one."""
     samples = window.samples
     n = samples.count // 3
     return mean_time(samples, samples.count - n, n) - mean_time(samples, 0, n)
 
 
 def _way_at(comparison: VelocityAgainstPosition, i: int, t: float) -> float:
-    """[m] along axis i by the DVL until time t [s], which a late fix was taken at some readings
-    ago.
+    """Return the way [m] along axis i by the DVL until time t [s], at which a late fix was taken,
+    some readings ago.
     """
     if t >= comparison.t:
         return comparison.way[i] + (t - comparison.t) * comparison.velocity[i]
@@ -438,7 +438,7 @@ def _way_at(comparison: VelocityAgainstPosition, i: int, t: float) -> float:
 
 
 def update_rate(comparison: RateAgainstAttitude, omega: Vector, t: float) -> None:
-    """The gyro's omega (3,) [rad/s] in B at time t [s]."""
+    """Integrate the gyro's omega (3,) [rad/s] in B at time t [s]."""
     dt = t - comparison.t
     mean = zeros(3)
     for i in range(3):
@@ -484,7 +484,9 @@ def _turn_in(
     spacing: float,
     tolerance: float,
 ) -> float:
-    """[rad/s] over `least` [s]; 0 before, and where it is within the tolerance [rad/s]."""
+    """Return the rate [rad/s] at which offsets turn over `shortest_span` [s] or longer; 0 before,
+    and where it is within the tolerance [rad/s].
+    """
     if samples.count > 0 and t - time_at(samples, samples.count - 1) < spacing:
         return 0.0
     append_value(samples, t, offset, 4)
@@ -505,14 +507,14 @@ def _turn_in(
 
 
 def _turn_on(comparison: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> None:
-    """Out (4,) becomes the turn after dt [s] more of a rate (3,) [rad/s]."""
+    """Write the turn after dt [s] more of a rate (3,) [rad/s] into out (4,)."""
     by = zeros(4)
     small_rotation(rate, dt, by)
     multiply(comparison.turn, by, out)
 
 
 def update_depth(comparison: DepthAgainstPosition, z: float, t: float) -> None:
-    """The depth z [m] at time t [s]."""
+    """Remember the depth z [m] of time t [s]."""
     comparison.depth = z
     comparison.t = t
 

@@ -176,7 +176,7 @@ def _are_seen(
 
 
 def is_persistent(channel: ChannelMemory) -> bool:
-    """Return whether a DVL insists on what cannot be.
+    """Return whether a DVL repeats readings that cannot be.
 
     While fixes carry the velocity it is taken again at half its gate: one reading of a biased one
     that noise brings just inside would move velocity and acceleration, and all that follows from
@@ -234,8 +234,8 @@ def _place(
 def compare(
     health: HealthMemory, channel: ChannelMemory, estimate: plausibility.PastEstimate
 ) -> None:
-    """The newest reading of a channel with what others tell of the same; the estimate is that of
-    when it was taken.
+    """Compare the newest reading of a channel with what others tell of the same; estimate: of the
+    time at which it was taken.
     """
     why = health.belief.why
     if channel.number == ChannelIndex.POSITION:

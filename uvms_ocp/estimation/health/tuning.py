@@ -28,8 +28,8 @@ class HealthTuning:
     clean: Positive = 1.0
     """[s] without complaint after which a channel is good again: five readings of a 5 Hz sensor."""
     clock: Positive = 0.001
-    """[s] by which a time stamp may lie in the future: what clocks that are kept together differ
-    by.
+    """[s] by which a time stamp may lie in the future: the difference of clocks that are kept
+    together.
     """
     late: Positive = 0.02
     """[s] beyond its delay after which a reading is late: 2 cm at 1 m/s."""
@@ -80,19 +80,19 @@ class Reason(IntEnum):
 
 
 class Complaint(Layout):
-    """A reason and the numbers of its text."""
+    """Reason why a channel is not good, and the numbers of its text."""
 
     code: int
-    """`Reason`"""
+    """Code of the `Reason`."""
     first: float
-    """[of its text]"""
+    """[unit in the text] first number of the text."""
     second: float
-    """[of its text]"""
+    """[unit in the text] second number of the text."""
 
 
 def set_complaint(why: Complaint, code: int, first: float, second: float) -> bool:
-    """Set all of it, and return True: there is a complaint. first, second [of the text of the
-    `Reason` code].
+    """Write the code of a `Reason` and the numbers of its text, and return True: there is a
+    complaint.
     """
     why.code = code
     why.first = first
@@ -101,12 +101,12 @@ def set_complaint(why: Complaint, code: int, first: float, second: float) -> boo
 
 
 def copy_complaint(to: Complaint, source: Complaint) -> None:
-    """Make one the same as the other."""
+    """Copy the source."""
     set_complaint(to, source.code, source.first, source.second)
 
 
 class ReasonTexts:
-    """Says reasons of channels in words."""
+    """Texts of the reasons why channels are not good."""
 
     def __init__(self, joints: Sequence[str]) -> None:
         """joints: their names."""
@@ -114,7 +114,7 @@ class ReasonTexts:
         self._shapes: list[str] = []
 
     def shape(self, actual: tuple[int, ...], expected: tuple[int, ...]) -> int:
-        """Return a number for a value of a wrong shape, from 1."""
+        """Keep the text on a value of a wrong shape, and return its number, from 1."""
         text = f"a value of shape {actual} in place of {expected or 'a number'}"
         if text not in self._shapes:
             self._shapes.append(text)
