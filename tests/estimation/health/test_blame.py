@@ -6,10 +6,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import permutations
+from typing import Any
 
+import corruptors
 import numpy as np
 import pytest
-from health_run import HealthRun, drifting
+from health_run import HealthRun, Spoil, drifting
 
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.estimation.health.redundancy import Culprit, HeightPairs, culprit_of
@@ -27,6 +29,7 @@ DRIFTS = (
     ("position", (0.0, 0.0, -0.05)),
     ("position", (0.03, 0.03, 0.03)),
     ("position", (0.05, 0.0, 0.03)),
+    ("position", (0.086, 0.05, -0.155)),
     ("linear_velocity", (0.0, 0.0, 0.006)),
     ("linear_velocity", (0.0, 0.0, -0.02)),
     ("linear_velocity", (0.02, 0.0, 0.02)),
@@ -113,7 +116,7 @@ def test_what_was_wrong_for_five_seconds_is_trusted_again_and_so_is_all_else(
         if reading is None or not begin <= reading.t < end:
             return readings
         value = reading.value + np.asarray(step)
-        spoilt = Reading(value=float(value) if np.ndim(value) == 0 else value, t=reading.t)
+        spoilt: Any = Reading(value=float(value) if np.ndim(value) == 0 else value, t=reading.t)
         return replace(readings, **{channel: spoilt})
 
     still = np.zeros(robot.n_v)
@@ -143,6 +146,124 @@ def test_a_fault_of_the_gyro_that_is_over_blames_nobody_later(
     assert run.first_bad("angular_velocity", ONSET) < 1.0
     assert run.last_bad("angular_velocity") < end + 3.0
     assert (run.of("attitude") == Trust.GOOD).all()
+
+
+ATTITUDES = (  # [rad], [s], how the robot moves, axis, [s] of a tick
+    (0.09, 5.0, "sways", 2, 0.02),
+    (0.095, 5.0, "sways", 1, 0.02),
+    (0.1, 9.0, "sways", 1, 0.02),
+    (0.1, 9.0, "rests", 1, 0.02),
+    (0.105, 9.0, "sways", 2, 0.02),
+    (0.12, 5.0, "sways", 2, 0.05),
+)
+
+
+@pytest.mark.parametrize(("size", "lasts", "motion", "axis", "dt"), ATTITUDES)
+def test_attitudes_that_were_off_for_a_while_come_back_soon(
+    size: float, lasts: float, motion: str, axis: int, dt: float, robot: Robot
+) -> None:
+    """Believed at last, they were taken for a bias of the gyro: the estimate turned away from those
+    that were right again, which were lost for good.
+    """
+    begin = 8.0
+    end = begin + lasts
+    off = size * np.eye(3)[axis]
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        reading = readings.attitude
+        if reading is None or not begin <= reading.t < end:
+            return readings
+        value = corruptors.added("attitude", reading.value, off)
+        return replace(readings, attitude=Reading(value=value, t=reading.t))
+
+    _check_attitude(robot, spoil, end, motion, dt)
+
+
+@pytest.mark.parametrize("motion", ["sways", "rests"])
+@pytest.mark.parametrize(
+    ("rate", "lasts"), [(0.02, 5.0), (0.02, 10.0), (0.05, 10.0), (0.2, 4.0), (0.01, 25.0)]
+)
+def test_attitudes_that_drifted_for_a_while_come_back_soon(
+    rate: float, lasts: float, motion: str, robot: Robot
+) -> None:
+    """The estimate went on with the drift, and was 0.5 rad off from then on."""
+    begin = 8.0
+    end = begin + lasts
+    drift = drifting("attitude", np.array([0.0, rate, 0.0]), begin)
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        reading = readings.attitude
+        if reading is None or reading.t >= end:
+            return readings
+        return drift(readings, t)
+
+    _check_attitude(robot, spoil, end, motion, STEP)
+
+
+def _check_attitude(robot: Robot, spoil: Spoil, end: float, motion: str, dt: float) -> None:
+    """Check that all is trusted, and true, soon after the end [s] of a fault."""
+    still = np.zeros(robot.n_v)
+    run = HealthRun(
+        robot,
+        duration=end + 24.0,
+        spoil=spoil,
+        motion=None if motion == "sways" else lambda t: still,
+        dt=dt,
+    )
+    assert run.last_bad("attitude") < end + 4.0
+    assert run.last_bad("angular_velocity") < end + 4.0
+    turns = np.array(
+        [
+            angle(estimated, true)
+            for estimated, true in zip(run.q_estimated[:, 3:7], run.q[:, 3:7], strict=True)
+        ]
+    )
+    assert turns[run.t > end + 4.0].max() < 0.01
+    spin = np.linalg.norm(run.v_estimated[:, 3:6] - run.v[:, 3:6], axis=1)
+    assert spin[run.t > end + 4.0].max() < 0.03
+
+
+TURNS = (  # how a channel is off [rad, rad/s], and who is blamed for it
+    ("angular_velocity", "step", 0.1, {"angular_velocity"}),
+    ("angular_velocity", "drift", 0.03, {"angular_velocity", "attitude"}),
+    ("attitude", "step", 0.07, {"attitude"}),
+    ("attitude", "drift", 0.06, {"angular_velocity", "attitude"}),
+)
+
+
+@pytest.mark.parametrize("motion", ["sways", "rests"])
+@pytest.mark.parametrize(("channel", "kind", "size", "blamed"), TURNS)
+def test_of_gyro_and_attitude_the_one_that_has_changed_at_once_is_blamed_and_both_of_what_drifts(
+    channel: str, kind: str, size: float, blamed: set[str], motion: str, robot: Robot
+) -> None:
+    """A drift of attitudes was blamed on the gyro alone, and so was a jump of them by less than the
+    gate.
+    """
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        reading = getattr(readings, channel)
+        if reading is None or reading.t < ONSET:
+            return readings
+        grown = size if kind == "step" else size * (reading.t - ONSET)
+        off = np.array([0.0, grown, 0.0])
+        spoilt = Reading(value=corruptors.added(channel, reading.value, off), t=reading.t)
+        return replace(readings, **{channel: spoilt})
+
+    still = np.zeros(robot.n_v)
+    run = HealthRun(
+        robot,
+        duration=7.0,
+        spoil=spoil,
+        motion=None if motion == "sways" else lambda t: still,
+        dt=STEP,
+    )
+    bad = {name for name in run.guard.monitor.channels if (run.of(name) != Trust.GOOD).any()}
+    assert bad == blamed
+
+
+def angle(a: np.ndarray, b: np.ndarray) -> float:
+    """[rad] between two quaternions (4,)."""
+    return 2.0 * float(np.arccos(min(1.0, abs(a @ b))))
 
 
 @pytest.mark.parametrize("size", [0.5, 1.0, 3.0])

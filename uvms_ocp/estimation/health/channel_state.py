@@ -32,6 +32,7 @@ LEAST_TO_SUSPECT = 0.05
 """[s] of silence of a quick sensor: as long as joints are fed back without encoders."""
 _LEAST_TO_LOSE = 0.25  # [s] of silence of a quick sensor
 _BLAMED_FOR = 3.0  # [s] for which what was found to be wrong by height explains what others say
+_UNDONE = 0.5  # share of a jump that may be left of it once the channel has gone back
 _AGREES = 0.3  # share of what is allowed by which fixes and depths agree
 _PERIODS_TO_SUSPECT = 2.5  # of silence: 0.5 s of a 5 Hz DVL, before a watchdog of 0.6 s holds
 _PERIODS_TO_LOSE = 8.0  # of silence, or of nothing but refused readings
@@ -118,6 +119,14 @@ class ChannelMemory(Layout):
     off: float
     """[unit of the channel] distance of the newest reading from the estimate, -1 where they were
     not compared.
+    """
+    offset: Annotated[Vector, Sized("n_width")]
+    """(n_width,) [unit of the channel] the newest reading less the estimate; of an attitude a
+    rotation vector in B.
+    """
+    jumped: Annotated[Vector, Sized("n_width")]
+    """(n_width,) [unit of the channel] `offset` by which it came back elsewhere; 0 where it never did,
+    or has gone back since.
     """
     explained: float
     """[unit of the channel] part of that distance that noise and unforeseen motion explain."""
@@ -275,7 +284,8 @@ def update_trust(health: HealthMemory, channel: ChannelMemory) -> bool:
     period = max(channel.period, health.dt)
     trust = _by_silence(channel, quiet, period)
     if channel.gated and channel.refused_at >= health.t - _LEAST_TO_LOSE - period:
-        if is_vouched_for(health, channel.number):
+        is_early = trust == Trust.SUSPECT and _is_height_open(health, channel.number)
+        if is_early or is_vouched_for(health, channel.number):
             trust = int(Trust.GOOD)
         elif _is_suspect(health, channel.rival) or _is_suspect(health, channel.other_rival):
             trust = min(trust, int(Trust.SUSPECT))
@@ -320,12 +330,21 @@ def is_vouched_for(health: HealthMemory, number: int) -> bool:
     return number == ChannelIndex.DEPTH and 0.0 <= health.heights.fixes_and_depths < _AGREES
 
 
+def _is_height_open(health: HealthMemory, number: int) -> bool:
+    """Return whether others have begun to disagree on the height that a depth, or an altimeter, is
+    refused by, and it is not known yet which of them is wrong.
+    """
+    refused = number == ChannelIndex.DEPTH or number == ChannelIndex.ALTIMETER_RANGE
+    return refused and redundancy.is_height_disputed(health.heights)
+
+
 def _mark_used(channel: ChannelMemory, t: float) -> None:
     if channel.used > -math.inf:
         if channel.refused_at > channel.used_at and channel.off > channel.gate.noise:
             _confirm_jump(channel)
             channel.shift = max(channel.shift, min(channel.jump, 2.0 * channel.off))
             channel.unexplained = max(channel.unexplained, channel.shift)
+            _keep_jump(channel)
         channel.refused_off = channel.jump = 0.0
         channel.taken = channel.used
         channel.used_at = t
@@ -344,6 +363,30 @@ def _confirm_jump(channel: ChannelMemory) -> None:
         channel.jump = max(channel.jump, min(channel.off, channel.refused_off))
     else:
         channel.jump = 0.0
+
+
+def _keep_jump(channel: ChannelMemory) -> None:
+    """Remember where the channel came back, until it goes back."""
+    is_over = undoes_jump(channel)
+    is_jump = min(channel.jump, channel.off) > channel.gate.noise
+    for i in range(channel.size):
+        if is_over:
+            channel.jumped[i] = 0.0
+        elif is_jump:
+            channel.jumped[i] = channel.offset[i]
+
+
+def undoes_jump(channel: ChannelMemory) -> bool:
+    """Return whether the newest reading goes back by what the channel jumped by before: then it was
+    wrong in between, and so is the estimate.
+    """
+    jump = 0.0
+    remaining = 0.0
+    for i in range(channel.size):
+        rest = channel.offset[i] + channel.jumped[i]
+        jump += channel.jumped[i] * channel.jumped[i]
+        remaining += rest * rest
+    return jump > 0.0 and remaining <= _UNDONE * _UNDONE * jump
 
 
 def _by_silence(channel: ChannelMemory, quiet: float, period: float) -> int:

@@ -274,6 +274,29 @@ def distance(gate: PlausibilityGate, value: Vector, estimated: Vector) -> float:
     return math.sqrt(squared)
 
 
+def offset_of(gate: PlausibilityGate, value: Vector, estimate: PastEstimate, out: Vector) -> None:
+    """Out (size,) becomes a value (size,) of a place less the estimate [unit of the channel]; of an
+    attitude, nearly, a rotation vector in B, and 0. Rates leave no place behind: 0.
+    """
+    if gate.channel == ChannelIndex.ATTITUDE:
+        back = zeros(4)
+        between = zeros(4)
+        for i in range(4):
+            back[i] = estimate.q[3 + i]
+        conjugate(back)
+        multiply(back, value, between)
+        twice = 2.0 if between[3] >= 0.0 else -2.0
+        for i in range(3):
+            out[i] = twice * between[i]
+        out[3] = 0.0
+        return
+    for i in range(gate.size):
+        if orders_of(gate.channel) > 1:
+            out[i] = value[i] - estimate.q[gate.start + i]
+        else:
+            out[i] = 0.0
+
+
 def _largest(gate: PlausibilityGate, value: Vector, estimated: Vector) -> float:
     largest = 0.0
     for i in range(gate.size):

@@ -35,9 +35,11 @@ _BLIND = 1.2  # [s] without a velocity, in which a vehicle may have gone anywher
 _TURN_SPAN = 1.0
 _TURN = 0.03
 # shares of what is allowed, which is eight standard deviations of noise
+_DISPUTED = 0.25
 _DOUBTFUL = 0.4
 _DRIFTS = 0.6
 _AGREES_AGAIN = 0.2
+_AT_ONCE = 0.8  # of a difference, which comes with one reading
 _CLEAR = 2.0
 _CLEAR_BY = 0.2
 # fixes, fixes, [m]
@@ -206,6 +208,28 @@ class RateAgainstAttitude(Layout):
     """
     slow_rate: float
     """[rad/s] at which they turned apart over a longer time; 0 where they agree."""
+    step: float
+    """[rad/s] largest change of the gyro between two readings, of late."""
+    step_t: float
+    """[s] when that was."""
+    disagreed_t: float
+    """[s] when they turned apart over a short time for the last time."""
+    culprit: int
+    """`TurnCulprit` of these, since they began to."""
+    refused_t: float
+    """[s] of the first of the attitudes that are refused since."""
+    refused: Annotated[Vector, Sized(4)]
+    """(4,) its difference from the integrated rate."""
+    refused_offset: Annotated[Vector, Sized(3)]
+    """(3,) [rad] its difference from the estimate, in B."""
+
+
+class TurnCulprit(IntEnum):
+    """Channel that explains why gyro and attitude turn apart."""
+
+    UNKNOWN = 0
+    GYRO = 1
+    ATTITUDE = 2
 
 
 class DepthAgainstPosition(Layout):
@@ -307,6 +331,7 @@ def init_comparisons(
     encoder.tolerance = _SLOW_JOINT + bias["joint_velocities"]
     encoder.noise = _SIGMAS * math.sqrt(2.0) * noise["joint_positions"]
     depth.ratio = -1.0
+    rate.step_t = rate.disagreed_t = -math.inf
     velocity.t = rate.t = depth.t = encoder.t = encoder.newer_t = -math.inf
     encoder.position_t = encoder.position_before_t = -math.inf
     rate.turn[3] = 1.0
@@ -441,10 +466,16 @@ def update_rate(comparison: RateAgainstAttitude, omega: Vector, t: float) -> Non
     """Integrate the gyro's omega (3,) [rad/s] in B at time t [s]."""
     dt = t - comparison.t
     mean = zeros(3)
+    squared = 0.0
     for i in range(3):
         mean[i] = omega[i] + comparison.rate[i]
+        change = omega[i] - comparison.rate[i]
+        squared += change * change
         comparison.rate[i] = omega[i]
     comparison.t = t
+    if math.sqrt(squared) > comparison.step or t - comparison.step_t > _GAP:
+        comparison.step = math.sqrt(squared)
+        comparison.step_t = t
     if 0.0 <= dt <= _GAP:
         _turn_on(comparison, mean, 0.5 * dt, comparison.turn)
         normalize(comparison.turn)
@@ -460,11 +491,8 @@ def compare_turns(comparison: RateAgainstAttitude, quaternion: Vector, t: float)
     if not abs(t - comparison.t) <= _GAP:
         comparison.offsets.count = comparison.slow_offsets.count = 0
         return
-    turned = zeros(4)
     offset = zeros(4)
-    _turn_on(comparison, comparison.rate, t - comparison.t, turned)
-    conjugate(turned)
-    multiply(quaternion, turned, offset)
+    _turn_apart(comparison, quaternion, t, offset)
     comparison.quick_rate = _turn_in(
         comparison.offsets, offset, t, _TURN_SPAN, _SPACING, comparison.tolerance
     )
@@ -472,8 +500,35 @@ def compare_turns(comparison: RateAgainstAttitude, quaternion: Vector, t: float)
         comparison.slow_offsets, offset, t, _LONG_SPAN, _LONG_SPACING, comparison.slow_tolerance
     )
     if comparison.quick_rate > 0.0:
-        # What has turned apart by a fault that was found must not count again when it is over.
-        comparison.slow_offsets.count = 0
+        forget_turns(comparison)
+        if t - comparison.disagreed_t > _GAP:
+            comparison.culprit = _culprit_of_turn(comparison)
+        comparison.disagreed_t = t
+
+
+def _culprit_of_turn(comparison: RateAgainstAttitude) -> int:
+    """Return the `TurnCulprit` where gyro and attitude begin to turn apart: which of the two has
+    changed at once by what they differ by. What drifts away may be either.
+    """
+    samples = comparison.offsets
+    oldest = samples.value[samples.first]
+    newest = samples.value[ring_slot(samples, samples.count - 1)]
+    largest = 0.0
+    for k in range(1, samples.count):
+        before = samples.value[ring_slot(samples, k - 1)]
+        largest = max(largest, angle_between(before, samples.value[ring_slot(samples, k)]))
+    if largest > _AT_ONCE * angle_between(oldest, newest):
+        return TurnCulprit.ATTITUDE
+    if comparison.step > _AT_ONCE * comparison.quick_rate:
+        return TurnCulprit.GYRO
+    return TurnCulprit.UNKNOWN
+
+
+def forget_turns(comparison: RateAgainstAttitude) -> None:
+    """Begin the longer comparison anew: what has turned apart by a fault that was found must not
+    count again when it is over.
+    """
+    comparison.slow_offsets.count = 0
 
 
 def _turn_in(
@@ -504,6 +559,40 @@ def _turn_in(
     if rate > tolerance:
         return rate
     return 0.0
+
+
+def _turn_apart(comparison: RateAgainstAttitude, quaternion: Vector, t: float, out: Vector) -> None:
+    """Out (4,) becomes the difference of an attitude (4,) at time t [s] from the integrated rate."""
+    turned = zeros(4)
+    _turn_on(comparison, comparison.rate, t - comparison.t, turned)
+    conjugate(turned)
+    multiply(quaternion, turned, out)
+
+
+def is_estimate_turning(
+    comparison: RateAgainstAttitude, quaternion: Vector, offset: Vector, t: float, is_first: bool
+) -> bool:
+    """Return whether an estimate turns away from attitudes that are refused, and that turn as the
+    gyro does: then it is the estimate that is wrong, by what it takes for the bias of the gyro.
+
+    quaternion (4,) at time t [s], offset (3,) [rad] from the estimate in B; is_first: of the
+    attitudes that are refused in a row.
+    """
+    apart = zeros(4)
+    _turn_apart(comparison, quaternion, t, apart)
+    is_known = abs(t - comparison.t) <= _BLIND
+    if is_first or not is_known:
+        comparison.refused_t = t if is_known else math.inf
+        comparison.refused[:4] = apart[:4]
+        comparison.refused_offset[:3] = offset[:3]
+        return False
+    squared = 0.0
+    for i in range(3):
+        change = offset[i] - comparison.refused_offset[i]
+        squared += change * change
+    by_gyro = angle_between(apart, comparison.refused)
+    allowed = _TURN + comparison.slow_tolerance * (t - comparison.refused_t)
+    return math.sqrt(squared) > allowed + _CLEAR * by_gyro
 
 
 def _turn_on(comparison: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> None:
@@ -575,6 +664,12 @@ def compare_heights(
     )
     pairs.depths_and_velocity = drift_ratio(velocity.depth, 2, _DRIFT_SPAN)
     pairs.fixes_and_depths = depth.ratio
+
+
+def is_height_disputed(pairs: HeightPairs) -> bool:
+    """Return whether two of the three have begun to disagree, by more than noise."""
+    largest = max(pairs.depths_and_velocity, pairs.fixes_and_depths)
+    return max(pairs.fixes_and_velocity, largest) > _DISPUTED
 
 
 def culprit_of(pairs: HeightPairs) -> int:

@@ -21,6 +21,7 @@ from uvms_ocp.estimation.health.channel_state import (
     exclude,
     is_vouched_for,
     suspect,
+    undoes_jump,
 )
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.robot import kinematics, signals
@@ -128,9 +129,18 @@ def _agrees(
     if carried and is_persistent(channel):
         growth -= 0.5 * gate.base
     allowed = gate.base + growth + moved
-    if not (error <= allowed or _goes_on(channel) or _are_seen(health, channel, estimate, allowed)):
+    plausibility.offset_of(gate, channel.value, estimate, channel.offset)
+    if not (
+        error <= allowed
+        or _goes_on(channel)
+        or undoes_jump(channel)
+        or _turns_with_gyro(health, channel)
+        or _are_seen(health, channel, estimate, allowed)
+    ):
         set_complaint(why, Reason.OFF, error, allowed)
         channel.off_in_a_row += 1
+        if channel.number == ChannelIndex.ATTITUDE:
+            redundancy.forget_turns(health.rate)
         return False
     channel.agreed += 1
     channel.off_in_a_row = 0
@@ -151,6 +161,19 @@ def _goes_on(channel: ChannelMemory) -> bool:
         recent
         and plausibility.distance(channel.gate, channel.value, channel.used_value)
         <= channel.gate.base
+    )
+
+
+def _turns_with_gyro(health: HealthMemory, channel: ChannelMemory) -> bool:
+    """Return whether attitudes that are off the estimate turn as the gyro does and the estimate does
+    not: what was wrong with them before has become a bias of the gyro to it.
+    """
+    return (
+        channel.number == ChannelIndex.ATTITUDE
+        and health.channels[ChannelIndex.ANGULAR_VELOCITY].present
+        and redundancy.is_estimate_turning(
+            health.rate, channel.value, channel.offset, channel.stamp, channel.off_in_a_row == 0
+        )
     )
 
 
@@ -270,10 +293,11 @@ def _compare_attitude(health: HealthMemory, channel: ChannelMemory, why: Complai
     quick, slow = health.rate.quick_rate, health.rate.slow_rate
     if quick > 0.0 or slow > 0.0:
         set_complaint(why, Reason.TURN, max(quick, slow), 0.0)
-        if quick > 0.0:
+        likely = -1
+        if quick > 0.0 and health.rate.culprit == redundancy.TurnCulprit.GYRO:
             likely = int(ChannelIndex.ANGULAR_VELOCITY)
-        else:
-            likely = -1
+        elif quick > 0.0 and health.rate.culprit == redundancy.TurnCulprit.ATTITUDE:
+            likely = int(ChannelIndex.ATTITUDE)
         _suspect_likelier(health, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY, likely)
 
 
