@@ -225,16 +225,18 @@ def _check_attitude(robot: Robot, spoil: Spoil, end: float, motion: str, dt: flo
 
 TURNS = (  # how a channel is off [rad, rad/s], and who is blamed for it
     ("angular_velocity", "step", 0.1, {"angular_velocity"}),
+    ("angular_velocity", "step", 0.33, {"angular_velocity"}),
     ("angular_velocity", "drift", 0.03, {"angular_velocity", "attitude"}),
     ("attitude", "step", 0.07, {"attitude"}),
     ("attitude", "drift", 0.06, {"angular_velocity", "attitude"}),
 )
 
 
+@pytest.mark.parametrize("dt", [0.01, 0.05])
 @pytest.mark.parametrize("motion", ["sways", "rests"])
 @pytest.mark.parametrize(("channel", "kind", "size", "blamed"), TURNS)
 def test_of_gyro_and_attitude_the_one_that_has_changed_at_once_is_blamed_and_both_of_what_drifts(
-    channel: str, kind: str, size: float, blamed: set[str], motion: str, robot: Robot
+    channel: str, kind: str, size: float, blamed: set[str], motion: str, dt: float, robot: Robot
 ) -> None:
     """A drift of attitudes was blamed on the gyro alone, and so was a jump of them by less than the
     gate.
@@ -255,7 +257,7 @@ def test_of_gyro_and_attitude_the_one_that_has_changed_at_once_is_blamed_and_bot
         duration=7.0,
         spoil=spoil,
         motion=None if motion == "sways" else lambda t: still,
-        dt=STEP,
+        dt=dt,
     )
     bad = {name for name in run.guard.monitor.channels if (run.of(name) != Trust.GOOD).any()}
     assert bad == blamed

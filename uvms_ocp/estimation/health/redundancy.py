@@ -508,7 +508,8 @@ def compare_turns(comparison: RateAgainstAttitude, quaternion: Vector, t: float)
 
 def _culprit_of_turn(comparison: RateAgainstAttitude) -> int:
     """Return the `TurnCulprit` where gyro and attitude begin to turn apart: which of the two has
-    changed at once by what they differ by. What drifts away may be either.
+    changed at once by what they differ by. What drifts away may be either, and what the gyro read
+    wrong by as much as it has changed is no jump of the attitude.
     """
     samples = comparison.offsets
     oldest = samples.value[samples.first]
@@ -516,7 +517,10 @@ def _culprit_of_turn(comparison: RateAgainstAttitude) -> int:
     largest = 0.0
     for k in range(1, samples.count):
         before = samples.value[ring_slot(samples, k - 1)]
-        largest = max(largest, angle_between(before, samples.value[ring_slot(samples, k)]))
+        turned = angle_between(before, samples.value[ring_slot(samples, k)])
+        by_gyro = comparison.step * (time_at(samples, k) - time_at(samples, k - 1))
+        if turned > _CLEAR * by_gyro:
+            largest = max(largest, turned)
     if largest > _AT_ONCE * angle_between(oldest, newest):
         return TurnCulprit.ATTITUDE
     if comparison.step > _AT_ONCE * comparison.quick_rate:
