@@ -239,12 +239,17 @@ def show_scene(
     files: opt.RobotFiles = opt.AS_WRITTEN,
     fps: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 25.0,
     out: Annotated[
-        Path | None, typer.Option(metavar="HTML", help="Write this file, and serve nothing.")
-    ] = None,
-    frames: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help='Write PNGs for a video there; needs "uvms-ocp[video]".'),
+        typer.Option(
+            metavar="FILE",
+            help="Write this file, and serve nothing: .html; or .png, .jpg, .mp4, .gif, for which"
+            ' "uvms-ocp[video]" and Chromium are needed.',
+        ),
     ] = None,
+    view: Annotated[
+        str, typer.Option(metavar="NAME", help="Camera of pictures: mission, vehicle or tool.")
+    ] = "mission",
+    at: Annotated[float, typer.Option(metavar="S", help="Time of a picture.")] = 0.0,
     port: Annotated[
         int, typer.Option(metavar="N", help="Of the loopback address; 0: any that is free.")
     ] = 0,
@@ -261,9 +266,7 @@ def show_scene(
     with console.status("drawing"):
         page = _page(what, tuple(ghost or ()), robot, files, fps)
     if out is not None:
-        print_paths(console, [page.write(out)])
-    elif frames is not None:
-        _film(console, page, frames, fps)
+        print_paths(console, [page.save(out, fps=fps, view=view, t=at)])
     else:
         _serve(console, page, port, what, browser)
 
@@ -278,17 +281,6 @@ def _serve(console: Console, page: ScenePage, port: int, what: str, browser: boo
             webbrowser.open(address)
         while True:
             time.sleep(3600)
-
-
-def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
-    from uvms_ocp.viz.scene.pictures import write_frames
-
-    with console.status("drawing frames"):
-        n = len(write_frames(page, folder, fps=fps))
-    console.print(
-        f"{n} frames; for a video: ffmpeg -framerate {fps:g} -i {folder}/%05d.png -pix_fmt yuv420p"
-        " video.mp4"
-    )
 
 
 def _page(

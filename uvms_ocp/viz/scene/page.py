@@ -22,9 +22,9 @@ import numpy as np
 import umsgpack  # type: ignore[import-untyped]
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.errors import plain_line
+from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record.output import as_output_errors
-from uvms_ocp.types import AtLeastOne
+from uvms_ocp.types import AtLeastOne, Magnitude, Positive
 
 if TYPE_CHECKING:
     pass
@@ -97,6 +97,42 @@ class ScenePage:
         with as_output_errors(path, "choose another place"):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(self.html, encoding="utf-8")
+        return path
+
+    def save(
+        self,
+        path: Path | str,
+        *,
+        t: Magnitude = 0.0,
+        view: str = "mission",
+        fps: Positive = 25.0,
+        width: AtLeastOne = 1280,
+        height: AtLeastOne = 720,
+    ) -> Path:
+        """Write the page (``.html``), a picture of a time t [s] (``.png``, ``.jpg``) or its whole
+        time line as a film (``.mp4``, ``.gif``), by the suffix of the path; returns the path.
+
+        view: the camera, ``mission``, ``vehicle`` or ``tool``. fps [Hz]: pictures per second of
+        film and motion. width, height [px] of pictures. Raises `InvalidInput` for another suffix or
+        view, for a film in which nothing moves, and where playwright, Chromium or ffmpeg is missing
+        (``pip install "uvms-ocp[video]"``); `OutputError` where `path` cannot be written.
+        """
+        # Imported here, as that module builds on this one.
+        from uvms_ocp.viz.scene import pictures
+
+        path = Path(path)
+        kinds = (".html", *pictures.PICTURE_FORMATS, *pictures.FILM_FORMATS)
+        if path.suffix not in kinds:
+            raise InvalidInput(f"{path.name} has no suffix of {', '.join(kinds)}")
+        if path.suffix == ".html":
+            return self.write(path)
+        with as_output_errors(path, "choose another place"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        camera = pictures.Camera(width=width, height=height, view=view)
+        if path.suffix in pictures.PICTURE_FORMATS:
+            pictures.write_picture(self, path, t=t, camera=camera)
+        else:
+            pictures.write_film(self, path, fps=fps, camera=camera)
         return path
 
     def _repr_html_(self) -> str:

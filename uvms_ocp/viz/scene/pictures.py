@@ -1,25 +1,35 @@
-"""Pictures of a page, such as the frames of a video: drawn by a Chromium without a window, which
-playwright drives.
+"""Pictures and films of a page: drawn by a Chromium without a window, which playwright drives, and
+encoded by ffmpeg.
 """
 
 from __future__ import annotations
 
+import base64
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from subprocess import PIPE, Popen
+from tempfile import TemporaryDirectory
+from typing import IO, TYPE_CHECKING, Any, TypeVar
 
-from uvms_ocp.checks import checked
-from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.output import as_output_errors
-from uvms_ocp.types import AtLeastOne, Positive
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput, OutputError, plain_line
+from uvms_ocp.progress import SILENT, progress_bar
+from uvms_ocp.record.output import as_output_errors, whole_file
+from uvms_ocp.types import Array
 from uvms_ocp.viz.scene.page import ScenePage
 from uvms_ocp.viz.scene.page_server import served
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, CDPSession, Page
+
+Result = TypeVar("Result")
 
 CHROMIUM = "UVMS_OCP_CHROMIUM"
 """The variable that says where Chromium is, unless it is found by its name."""
@@ -30,20 +40,38 @@ _DRAWN_BY_THE_PROCESSOR = (
     "--enable-unsafe-swiftshader",
 )
 _MOST_FRAMES = 100_000
-"""Pictures of a video at most."""
+"""Pictures of a film at most."""
+_JPEG_QUALITY = 92
+_EVEN_SIZE = "scale=trunc(iw/2)*2:trunc(ih/2)*2"
+_OWN_COLOURS = "split[a][b];[a]palettegen[p];[b][p]paletteuse"
+PICTURE_FORMATS = (".png", ".jpg")
+FILM_FORMATS = {
+    ".mp4": (
+        *("-c:v", "libx264", "-preset", "veryfast", "-crf", "18", "-pix_fmt", "yuv420p"),
+        *("-vf", _EVEN_SIZE, "-movflags", "+faststart"),
+    ),
+    ".gif": ("-filter_complex", _OWN_COLOURS),
+}
+"""Options of ffmpeg for each suffix of films."""
+_ADVICE = 'run: pip install "uvms-ocp[video]"'
 
 
 def missing() -> str:
     """Return what to install before pictures can be made; empty where nothing is missing."""
-    try:
-        import playwright.sync_api  # noqa: F401 - only whether it is there
-    except ImportError:
-        return 'playwright is not installed; run: pip install "uvms-ocp[video]"'
+    if find_spec("playwright") is None:
+        return f"playwright is not installed; {_ADVICE}"
     if _chromium() is None:
         return (
             f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}"
         )
     return ""
+
+
+def missing_for_films() -> str:
+    """Return what to install before films can be made; empty where nothing is missing."""
+    if find_spec("imageio_ffmpeg") is None:
+        return f"imageio-ffmpeg is not installed; {_ADVICE}"
+    return missing()
 
 
 def _chromium() -> str | None:
@@ -70,36 +98,134 @@ def browser() -> Iterator[Browser]:
             chromium.close()
 
 
-@checked
-def write_frames(
-    page: ScenePage,
-    folder: Path | str,
-    *,
-    fps: Positive = 25.0,
-    width: AtLeastOne = 1280,
-    height: AtLeastOne = 720,
-    view: str = "mission",
-) -> tuple[Path, ...]:
-    """Write what the page shows as ``00000.png``, ``00001.png`` and so on; returns their paths.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Camera:
+    """What a picture shows, and how large it is."""
 
-    fps [Hz]: pictures per second of the run. width, height [px]. view: the camera, ``mission``,
-    ``vehicle`` or ``tool``. A video from them: ``ffmpeg -framerate 25 -i %05d.png -pix_fmt yuv420p
-    video.mp4``. Raises `InvalidInput` where playwright or Chromium is missing, or the run is too
-    long for so many pictures, and `OutputError` where the folder cannot be written.
+    width: int
+    """[px]"""
+    height: int
+    """[px]"""
+    view: str
+    """Name of the camera: ``mission``, ``vehicle`` or ``tool``."""
+
+
+def write_picture(page: ScenePage, path: Path, *, t: float, camera: Camera) -> None:
+    """Write what the page shows at a time t [s] as PNG or JPEG, by the suffix of the path."""
+    image_format = "png" if path.suffix == ".png" else "jpeg"
+
+    def draw() -> bytes:
+        with _sheet(page, camera) as sheet:
+            return sheet.picture(t, image_format)
+
+    image = _beside_event_loops(draw)
+    with whole_file(path) as file:
+        file.write(image)
+
+
+def write_film(page: ScenePage, path: Path, *, fps: float, camera: Camera) -> None:
+    """Write the page's time line as a film in one of `FILM_FORMATS`, by the suffix of the path.
+
+    Raises `InvalidInput` for a page in which nothing moves.
     """
-    folder = Path(folder)
+    advice = missing_for_films()
+    if advice:
+        raise InvalidInput(advice)
+    with as_output_errors(path), TemporaryDirectory(dir=path.parent) as folder:
+        # ffmpeg tells formats by their suffix, and goes to and fro in some.
+        film = Path(folder) / f"film{path.suffix}"
+
+        def draw() -> None:
+            with _sheet(page, camera) as sheet:
+                times = _frame_times(sheet.duration, fps)
+                if len(times) < 2:
+                    raise InvalidInput(f"{path.name}: nothing moves; give a picture: .png")
+                with _encoder(film, fps) as encoder:
+                    for t in _with_bar(times):
+                        encoder.write(sheet.picture(t, "jpeg"))
+
+        _beside_event_loops(draw)
+        with whole_file(path) as file, film.open("rb") as encoded:
+            shutil.copyfileobj(encoded, file)
+
+
+def _frame_times(duration: float, fps: float) -> Array:
+    """Return the times (n,) [s] of all frames. Raises `InvalidInput` for too many."""
+    if duration * fps > _MOST_FRAMES:
+        raise InvalidInput(
+            f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures"
+        )
+    return np.arange(int(duration * fps) + 1) / fps
+
+
+def _with_bar(times: Array) -> Iterator[float]:
+    """Yield times [s], and tell how far they are."""
+    with progress_bar(total=len(times), desc="frames", delay=SILENT) as bar:
+        for t in times.tolist():
+            yield t
+            bar.update(1)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Sheet:
+    """A page that is open in a browser."""
+
+    page: Page
+    chromium: CDPSession
+
+    @property
+    def duration(self) -> float:
+        """[s] of its time line."""
+        return float(self.page.evaluate("DETAILS.duration"))
+
+    def picture(self, t: float, image_format: str) -> bytes:
+        """Return the picture of a time [s], as PNG or JPEG."""
+        self.page.evaluate("(t) => drawnAt(t)", float(t))
+        options: dict[str, Any] = {"format": image_format, "optimizeForSpeed": True}
+        if image_format == "jpeg":
+            options["quality"] = _JPEG_QUALITY
+        answer = self.chromium.send("Page.captureScreenshot", options)
+        return base64.b64decode(answer["data"])
+
+
+@contextmanager
+def _sheet(page: ScenePage, camera: Camera) -> Iterator[_Sheet]:
     with browser() as chromium, served(page) as address:
-        sheet = chromium.new_page(viewport={"width": width, "height": height})
-        sheet.goto(f"{address}#t=0&view={view}&film")
-        duration = float(sheet.evaluate("DETAILS.duration"))
-        if duration * fps > _MOST_FRAMES:
-            raise InvalidInput(
-                f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures"
-            )
-        with as_output_errors(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-            paths = [folder / f"{k:05d}.png" for k in range(int(duration * fps) + 1)]
-            for k, path in enumerate(paths):
-                sheet.evaluate("(t) => drawnAt(t)", k / fps)
-                sheet.screenshot(path=path)
-            return tuple(paths)
+        sheet = chromium.new_page(viewport={"width": camera.width, "height": camera.height})
+        sheet.goto(f"{address}#t=0&view={camera.view}&film")
+        views = sheet.evaluate("DETAILS.views") or [sheet.evaluate("DETAILS.start_view")]
+        if camera.view not in views:
+            raise InvalidInput(f"view = {camera.view!r}; this page has {', '.join(views)}")
+        yield _Sheet(page=sheet, chromium=sheet.context.new_cdp_session(sheet))
+
+
+@contextmanager
+def _encoder(path: Path, fps: float) -> Iterator[IO[bytes]]:
+    """Yield what takes JPEG pictures, one after the other, and makes a film of them."""
+    from imageio_ffmpeg import get_ffmpeg_exe
+
+    command = [get_ffmpeg_exe(), "-loglevel", "error", "-y", "-f", "image2pipe"]
+    command += ["-framerate", f"{fps:g}", "-c:v", "mjpeg", "-i", "-"]
+    command += [*FILM_FORMATS[path.suffix], str(path)]
+    with Popen(command, stdin=PIPE, stderr=PIPE) as process:
+        assert process.stdin is not None
+        assert process.stderr is not None
+        try:
+            yield process.stdin
+            process.stdin.close()
+        except BrokenPipeError:  # ffmpeg has ended, and has said why
+            pass
+        except BaseException:
+            process.kill()
+            raise
+        said = process.stderr.read().decode(errors="replace")
+    if process.returncode != 0:
+        raise OutputError(f"ffmpeg cannot write {path.suffix}: {plain_line(said, 200)}")
+
+
+def _beside_event_loops(draw: Callable[[], Result]) -> Result:
+    """Call it in a thread of its own: playwright refuses one with an event loop, such as that of a
+    notebook's cells.
+    """
+    with ThreadPoolExecutor(max_workers=1) as executor:
+        return executor.submit(draw).result()
