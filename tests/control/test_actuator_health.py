@@ -251,7 +251,7 @@ def pushed(effort: float, moves: float, way: float = 1.0, compiled: bool = True)
     structure = structure_of(JointFaultMemory, n_joints=2)
     watch = structure()
     (look,) = bind_kernels((detect_joint_faults,), (structure,), compiled=compiled)
-    write_joint_watch(watch, np.array([10.0, 10.0]))
+    write_joint_watch(watch, np.array([10.0, 10.0]), np.array([0.05, 0.05]))
     for k in range(30):
         q = np.array([0.0, 0.1 * k * moves])
         look(

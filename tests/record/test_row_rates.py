@@ -115,6 +115,7 @@ def test_no_peak_and_no_sum_is_lost_between_rows(record_pair: tuple[Record, Reco
         "largest_tilt_rad",
         "min_altimeter_m",
         "passed_rates",
+        "pressed_stops",
         "tool_position_error_m",
         "energy_j",
         "events",

@@ -305,8 +305,8 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
 
 
 def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
-    """Print faults that were asked for, alarms, joints that were too fast and channels that were
-    not always good; a line each.
+    """Print faults that were asked for, alarms, joints that were too fast or lay against their stops,
+    and channels that were not always good; a line each.
     """
     for fault in report["faults"]:
         until = "" if fault["end"] is None else f" to {fault['end']:g} s"
@@ -318,6 +318,10 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
         limit = f"{row['share']:.2f} times its limit"
         text = f"joint {row['joint']} moved at {rate} at {row['t']:.2f} s, {limit}"
         console.print(plain_line(text), style="yellow")
+    for row in report["pressed_stops"]:
+        text = f"joint {row['joint']} lay against its stop for {row['duration']:.2g} s"
+        excess = f"{row['excess']:.2g} {row['unit']} beyond its limit at most"
+        console.print(plain_line(f"{text}, from {row['t']:.2f} s on, {excess}"), style="yellow")
     for row in report["sensor_health"]:
         if row["first_s"] is None:
             continue

@@ -231,5 +231,5 @@ def _force_units(problem: OcpProblem) -> Array:
     """Return the most that actuators give on every axis (n_v,) [N, N m]."""
     actuators = ActuationModel(problem.robot, problem.actuation)
     largest = np.abs(actuators.matrix) @ actuators.thrust_unit
-    vehicle = np.maximum(largest, 1e-3 * largest.max(initial=1.0))
+    vehicle = np.maximum(largest, 1e-3 * (largest.max(initial=0.0) or 1.0))
     return np.concatenate([vehicle, actuators.torque_unit])

@@ -10,7 +10,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.record.record import Record, keeps_every_tick, quantity as quantity
 from uvms_ocp.record.row_files import parts
-from uvms_ocp.record.run_meta import VEHICLE_V, RunMeta, joint_errors
+from uvms_ocp.record.run_meta import VEHICLE_V, RunMeta, joint_errors, joint_positions
 from uvms_ocp.record.swings import WINDOW, Swing, swings_among, tilts_of
 from uvms_ocp.record.tables import column_units
 from uvms_ocp.solvers.hierarchy.solution import Status
@@ -23,6 +23,7 @@ CHANCE = 0.95
 _RATE_TOLERANCE = 1.02  # share of a joint's limit of velocity up to which it counts as kept
 _RATE_TOLERANCE_IN_FAULT = 1.2  # the same, while a fault is new
 _NEW_FAULT = 0.5  # [s] that a fault is new, and its end
+_AT_STOP = 1e-6  # [rad or m] beyond a limit of position, from which on a stop pushes back
 
 
 @checked
@@ -277,6 +278,42 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
                 "unit": units[joint],
                 "limit": float(bounds[joint]),
                 "share": float(rate / bounds[joint]),
+            }
+        )
+    return table
+
+
+def pressed_stops(record: Record) -> list[dict[str, Any]]:
+    """Return one row per joint that lay against a stop: its true position was beyond a limit.
+
+    joint, t [s] when it first did, duration [s] of all times together, and the largest excess
+    [unit], which is rad or m. Where not every tick has a row, the duration is of whole rows.
+    """
+    meta = record.run_meta
+    limits = record.meta.limits
+    if limits is None or len(meta.joints) != len(limits.position_lower):
+        return []
+    names = extremes_of(record, "q")
+    lowest = joint_positions(record.series, meta, names[0])
+    highest = joint_positions(record.series, meta, names[-1])
+    if lowest is None or highest is None:
+        return []
+    below = np.array(limits.position_lower) - lowest
+    above = highest - np.array(limits.position_upper)
+    excess = np.maximum(below, above)
+    t = record["t"]
+    lengths = np.diff(t, append=t[-1] + meta.dt)
+    slides = sliding_joints(meta)
+    table = []
+    for joint in np.flatnonzero((excess > _AT_STOP).any(axis=0)).tolist():
+        at_stop = excess[:, joint] > _AT_STOP
+        table.append(
+            {
+                "joint": meta.joints[joint],
+                "t": float(t[at_stop][0]),
+                "duration": float(lengths[at_stop].sum()),
+                "excess": float(excess[at_stop, joint].max()),
+                "unit": "m" if slides[joint] else "rad",
             }
         )
     return table

@@ -94,6 +94,7 @@ def _figures(record: Record) -> dict[str, Any]:
         "goals": goal_table(record),
         "swings": [asdict(swing) for swing in metrics.swings(record)],
         "passed_rates": metrics.passed_rates(record),
+        "pressed_stops": metrics.pressed_stops(record),
         "phases": phase_table(record),
     }
     resources = phase_resources.resources(record)

@@ -190,18 +190,18 @@ class TrimBody(_Section):
     link: str = "base_link"
     position: Point
     """centre, in the link frame [m]"""
-    mass: float = Field(ge=0.0, le=1e4)
+    mass: float = Field(ge=0.0, le=1e6)
     """[kg]"""
-    volume: float = Field(ge=0.0, le=10.0)
+    volume: float = Field(ge=0.0, le=1e4)
     """displaced volume [m3]"""
 
 
 class Power(_Section):
     """Electrical power of a thruster, ``watts (|T| / thrust) ** exponent``."""
 
-    thrust: float = Field(gt=0.0, le=1e5)
+    thrust: float = Field(gt=0.0, le=1e6)
     """reference thrust [N]"""
-    watts: float = Field(gt=0.0, le=1e6)
+    watts: float = Field(gt=0.0, le=1e8)
     """power at the reference thrust [W]"""
     exponent: float = Field(default=1.5, ge=1.0, le=3.0)
     """[-]"""
@@ -216,9 +216,9 @@ class Thruster(_Section):
     """in the link frame [m]"""
     direction: Vector3
     """of positive thrust on the vehicle, in the link frame; any length from 1e-9 to 1e9"""
-    minimum: float = Field(ge=-1e5, le=0.0)
+    minimum: float = Field(ge=-1e6, le=0.0)
     """thrust limit [N]"""
-    maximum: float = Field(ge=0.0, le=1e5)
+    maximum: float = Field(ge=0.0, le=1e6)
     """thrust limit [N]; 0 for a thruster that pushes against its direction alone"""
     time_constant: float = Field(ge=0.0, le=10.0)
     """first-order lag [s]; 0 is instantaneous"""

@@ -40,7 +40,8 @@ from uvms_ocp.robot.spatial import Array, column, cross, diagonal
 from uvms_ocp.types import read_only
 
 _TOLERANCE = 1e-9  # of symmetry and of signs, relative to the largest entry
-_STILL = 1e-6  # [m/s] below which the speed of a flow has no corner
+# [m/s] below which the speed of a flow has no corner: drag is nothing there, of toys too
+_STILL = 1e-6
 
 
 def _zero6() -> np.ndarray:
@@ -210,7 +211,7 @@ def check_added_mass(matrix: np.ndarray, where: str = "") -> None:
     """Raise `InvalidInput` where an added mass (6, 6) [kg, kg m, kg m2] is not symmetric, or
     indefinite.
     """
-    scale = max(1.0, float(np.abs(matrix).max()))
+    scale = float(np.abs(matrix).max())
     half = np.abs(matrix / 2 - matrix.T / 2)  # halves first: their difference is finite
     if half.max() > _TOLERANCE / 2 * scale:
         i, j = np.unravel_index(np.argmax(half), (6, 6))

@@ -24,7 +24,9 @@ _SLIDING = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismatic
 ASSUMED_VELOCITY = 0.8
 ASSUMED_ACCELERATION = 2.0
 """[rad/s] and [rad/s2] of the arm in [Gao2022]."""
-_RADIUS = 0.1  # [m] from the axis: what is there moves as far as a joint that slides is taken to
+# [m] from the axis: what is there moves as far as a joint that slides is taken to, where no limit is
+# stated at all; told as assumed
+_RADIUS = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -14,9 +14,11 @@ from uvms_ocp.robot.name_words import NameWords
 from uvms_ocp.robot.proposal_draft import ProposedThruster
 from uvms_ocp.robot.roles import Roles
 from uvms_ocp.robot.simulator_water import SimulatorBlocks
+from uvms_ocp.robot.size import size
 from uvms_ocp.robot.urdf import UrdfModels
 
-_SAME_PLACE = 0.1  # [m] between a link called a thruster and the propeller that turns in it
+# sizes of the robot between a link called a thruster and the propeller that turns in it
+_SAME_PLACE = 0.4
 _VEHICLE = 1  # joint of the free-flyer
 
 
@@ -74,9 +76,10 @@ def thrusters_by_structure(models: UrdfModels, roles: Roles) -> Iterator[Propose
         yield ProposedThruster(
             name=name, X=X, direction=X.rotation @ S.ravel()[3:], source="axis of the joint"
         )
+    same_place = _SAME_PLACE * size(model)
     for i in _thruster_links(model, words):
         X = data.oMf[i]
-        if any(np.linalg.norm(X.translation - place) < _SAME_PLACE for place in places):
+        if any(np.linalg.norm(X.translation - place) < same_place for place in places):
             continue
         cylinder = _cylinder_of(models.visual, i)
         if cylinder is None:

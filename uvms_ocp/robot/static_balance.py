@@ -16,17 +16,20 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import coefficients, thrusters
 from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy
 from uvms_ocp.robot.robot import Robot, require_normalized
+from uvms_ocp.robot.size import size, weight
 from uvms_ocp.types import Range
 
 _FOAM = 200.0  # [kg/m3] syntactic foam
 _LEAD = 11340.0  # [kg/m3]
-_HEIGHT = 0.1  # [m] floats above, ballast below the origin, for stability
+_HEIGHT = (
+    0.4  # sizes of the robot by which floats are above, ballast below the origin, for stability
+)
 
 _Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot files
 
 _SWEEPS = 200  # about one axis after the other; a tilt of 60 deg about two is exact by then
-_NEGLIGIBLE_MOMENT = 0.1
-"""[N m] of righting moment, below which weight and buoyancy leave every attitude."""
+_NEGLIGIBLE_LEVER = 3e-3
+"""Lever of weight and buoyancy, share of the robot's size, below which they leave every attitude."""
 
 
 def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
@@ -124,7 +127,7 @@ def trim_body(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimB
     volume = lift / (gravity * (robot.description.water_density - material))
     return TrimBody(
         name=name,
-        position=(x, y, float(np.copysign(_HEIGHT, lift))),
+        position=(x, y, float(np.copysign(_HEIGHT * size(robot.model), lift))),
         mass=material * volume,
         volume=volume,
     )
@@ -167,12 +170,13 @@ def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     """
     arms, lift = lifts(robot, robot.configuration(joints=robot.joint_values(q)))
     righting = arms.T @ lift  # [N m] with the vehicle level, when W and B have the same axes
+    negligible = _negligible_moment(robot)
     up = np.array([0.0, 0.0, 1.0])
     axes = [axis - 3 for axis in thrusters.unactuated_axes(robot) if axis >= 3]
     n_sweeps = _SWEEPS if len(axes) > 1 else 1
     for _ in range(n_sweeps):
         for axis in axes:
-            up = _turned(up, axis, righting)
+            up = _turned(up, axis, righting, negligible)
     return up
 
 
@@ -197,11 +201,13 @@ class DrivenTilt:
     """[N m] that thrust has about the mass."""
     righting: float
     """[N m] that weight and buoyancy have at a right angle."""
+    negligible: float
+    """[N m] below which that is none."""
 
     @property
     def angle(self) -> float:
         """[rad], a right angle where it tips over."""
-        return float(np.arcsin(min(1.0, self.moment / max(self.righting, _NEGLIGIBLE_MOMENT))))
+        return float(np.arcsin(min(1.0, self.moment / max(self.righting, self.negligible))))
 
 
 def tilt_when_driven(robot: Robot) -> DrivenTilt | None:
@@ -237,6 +243,7 @@ def tilt_when_driven(robot: Robot) -> DrivenTilt | None:
                 turn=turn,
                 moment=abs(float(wrench[turn] - asked[turn])),
                 righting=righting,
+                negligible=_negligible_moment(robot),
             )
             if largest is None or tilt.moment > largest.moment:
                 largest = tilt
@@ -261,13 +268,18 @@ def _largest_push(robot: Robot, axis: int) -> float:
     return force
 
 
-def _turned(up: np.ndarray, axis: int, righting: np.ndarray) -> np.ndarray:
+def _negligible_moment(robot: Robot) -> float:
+    """Return the righting moment [N m] below which weight and buoyancy leave every attitude."""
+    return _NEGLIGIBLE_LEVER * weight(robot.model) * size(robot.model)
+
+
+def _turned(up: np.ndarray, axis: int, righting: np.ndarray, negligible: float) -> np.ndarray:
     """Return the direction (3,) that is up in B after a turn about one axis of B, until buoyancy is
-    straight above weight as seen along that axis.
+    straight above weight as seen along that axis; righting (3,) and negligible [N m].
     """
     across = np.arange(3) != axis
     pull = float(np.linalg.norm(righting[across]))
-    if pull < _NEGLIGIBLE_MOMENT:
+    if pull < negligible:
         return up
     turned = up.copy()
     turned[across] = np.linalg.norm(up[across]) * righting[across] / pull

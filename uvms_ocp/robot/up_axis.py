@@ -12,11 +12,12 @@ import pinocchio as pin
 
 from uvms_ocp.robot import link_boxes
 from uvms_ocp.robot.name_words import NameWords
+from uvms_ocp.robot.size import size
 
 _DOWNWARD_AXES = re.compile(r"(?<![a-z])(ned|frd|fsd|snamed?)(?![a-z])")
 _TOP = 0.75  # of the height of the hull, above which nothing looks down
-_ABOVE = 0.05  # [m] above the mass, the same of a hull without shapes
-_UNSTABLE = 0.005  # [m] of buoyancy below mass
+_ABOVE = 0.2  # sizes of the robot above the mass, the same of a hull without shapes
+_UNSTABLE = 0.02  # sizes of the robot by which buoyancy is below mass
 _VEHICLE = 1  # joint of the free-flyer
 
 TURN = (
@@ -46,10 +47,10 @@ def signs_of_z_down(
     if _DOWNWARD_AXES.search(words.plain(root).lower()):
         yield f"the root is called {root!r}"
     mass_height = float(model.inertias[_VEHICLE].lever[2])
-    if buoyancy is not None and buoyancy[2] < mass_height - _UNSTABLE:
+    if buoyancy is not None and buoyancy[2] < mass_height - _UNSTABLE * size(model):
         below = mass_height - float(buoyancy[2])
         yield f"the centre of buoyancy stands {below:.2g} m below the mass along z"
-    top = mass_height + _ABOVE
+    top = mass_height + _ABOVE * size(model)
     corners = link_boxes.box_around(model, shapes, root, joint=_VEHICLE)
     if np.isfinite(corners).all():
         X_BF = model.frames[model.getFrameId(root)].placement

@@ -253,7 +253,7 @@ def _check_inertial(path: Path, link: Element) -> float:
 def _check_inertia(path: Path, element: Element | None, where: str, mass: float) -> None:
     xx, xy, xz, yy, yz, zz = (read_number(path, element, key, f"{where} {key}") for key in _INERTIA)
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if mass > 0.0 and moments[0] < -1e-9 * max(1.0, moments[2]):
+    if mass > 0.0 and moments[0] < -1e-9 * moments[2]:
         raise RobotDataError(
             path, f"{where}: principal moment {moments[0]:.4g} kg m2; allowed: >= 0; mend <inertia>"
         )

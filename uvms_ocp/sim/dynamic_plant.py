@@ -39,8 +39,6 @@ from uvms_ocp.types import Period, Positive
 
 _TELEMETRY = ("thrust", "torque", "contact", "thruster_energy", "joint_energy")
 _PLANT_FAULTS = ("thruster", "joint", "payload")
-# [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
-BRAKE_FRICTION = 1e6
 
 
 @lru_cache(maxsize=8)
@@ -201,7 +199,7 @@ class DynamicPlant(Plant):
             raise InvalidInput(f"{problem}; allowed: {n} and {m} finite numbers")
         self._arrays.asked_thrust[:] = thrust
         self._arrays.asked_torque[:] = torque
-        self.memory.brake = BRAKE_FRICTION if command.brakes else 0.0
+        self.memory.brake = 1.0 if command.brakes else 0.0
 
     def _apply_faults(self, active: tuple[Fault, ...]) -> None:
         """Go on with other faults than before."""

@@ -38,6 +38,7 @@ from uvms_ocp.robot import (
     symbolic_dynamics,
     thruster_matrix,
 )
+from uvms_ocp.robot.size import joint_strength, joint_units
 from uvms_ocp.robot.thrusters import joint_power
 from uvms_ocp.sim.seafloor_contact import ContactModel
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters
@@ -55,12 +56,26 @@ TABLES = ("decay", "u", "Du_Dt", "floor_normal")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JointStops:
-    """Spring and damper behind every joint limit (assumed)."""
+    """Spring and damper behind every joint limit, and the brakes, all as strong as their joint
+    (assumed).
+    """
 
-    stiffness: float = 1e4
-    """[N m/rad]"""
-    damping: float = 1e2
-    """[N m s/rad]"""
+    deflection: float = 1e-3
+    """[rad, or share of the robot's size] by which a stop gives way to `joint_strength`."""
+    settling: float = 0.01
+    """[s] damping of a stop, over its stiffness."""
+    creep: float = 1e-5
+    """[rad/s, or share of the robot's size per second] Rate at which a locked joint gives way to
+    `joint_strength`: less than a milliradian in a minute.
+    """
+
+    def stiffness(self, robot: Robot) -> np.ndarray:
+        """Return the stiffness (n_joints,) [N m/rad or N/m] of the stops."""
+        return joint_strength(robot) / (self.deflection * joint_units(robot))
+
+    def brake_friction(self, robot: Robot) -> np.ndarray:
+        """Return the friction (n_joints,) [N m s/rad or N s/m] of locked brakes."""
+        return joint_strength(robot) / (self.creep * joint_units(robot))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -76,7 +91,7 @@ class StepModel:
     contact: ContactModel
     """Law of contact with the floor, one for all points."""
     stops: JointStops
-    """Law of the stops at the limits, one for all joints."""
+    """Law of the stops at the limits and of the brakes, one for all joints."""
     thrusters: Thrusters
     """The thrusters of the robot."""
     locked: tuple[int, ...] = ()
@@ -95,7 +110,7 @@ def step_function(model: StepModel) -> ca.Function:
     what the motors give of it. share, offset (n_thrusters,) [-, N]: `ThrusterCondition`. decay
     (n_thrusters, N_DECAYS): `Thrusters.decay`. u (3, n_links) [m/s] and Du_Dt (3, n_links) [m/s2]:
     water at the links. floor_z (n_points,) [m] and floor_normal (3, n_points): height and normal of
-    the floor below the contact points. brake [N m s/rad]: friction of the brakes on every joint.
+    the floor below the contact points. brake [-]: 1 where brakes lock every joint, else 0.
     contact (n_points,) [N]: the vertical force of the floor on each point.
     """
     robot = model.robot
@@ -150,9 +165,8 @@ def _velocity(model: StepModel, x: Mapping[str, ca.SX], tau: ca.SX) -> tuple[ca.
     u = x["u"]
     dt = x["dt"]
     force, slope_stops = _stops(model, q, v, dt)
-    brakes = x["brake"] * ca.vertcat(
-        ca.SX.zeros(model.robot.n_vehicle), ca.SX.ones(model.robot.n_joints)
-    )
+    friction = model.stops.brake_friction(model.robot)
+    brakes = x["brake"] * ca.vertcat(ca.SX.zeros(model.robot.n_vehicle), ca.SX(friction))
     pushes, contact, slope_contact = _contact(model, q, v, x["floor_z"], x["floor_normal"], dt)
     G = model.dynamics.drag_slope(q, v, u) + ca.diag(slope_stops + brakes) + slope_contact
     h = model.dynamics.bias_force(q, v, u, x["Du_Dt"])
@@ -184,10 +198,11 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
     """
     force = ca.SX.zeros(model.robot.n_v)
     slope = ca.SX.zeros(model.robot.n_v)
-    k = model.stops.stiffness
-    d = model.stops.damping
+    stiffness = model.stops.stiffness(model.robot)
     for joint, lower, upper in limits.bounded_joints(model.robot.joints, model.robot.limits):
         at = joint.position(q)
+        k = float(stiffness[joint.idx_v - model.robot.n_vehicle])
+        d = model.stops.settling * k
         beyond = ca.fmin(at - lower, 0) + ca.fmax(at - upper, 0)
         touching = beyond != 0
         push = -k * beyond - (d + dt * k) * v[joint.idx_v]
@@ -274,7 +289,7 @@ class PlantMemory(Layout):
     floor_normal: Annotated[Vector, Sized("n_normals")]
     """(3 * n_points,)"""
     brake: float
-    """[N m s/rad] Friction of the brakes, 0 where they are open."""
+    """1 where the brakes are locked, 0 where they are open."""
     torque: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [N m or N] that the motors gave in the last step."""
     contact: Annotated[Vector, Sized("n_points")]

@@ -25,7 +25,6 @@ from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance
 from uvms_ocp.mission.progress import is_over
 from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.robot.signals import CHANNELS, Trust
-from uvms_ocp.sim.dynamic_plant import BRAKE_FRICTION
 from uvms_ocp.sim.dynamic_step import PlantMemory, advance_plant
 from uvms_ocp.sim.plant import KinematicMemory, advance_kinematic
 from uvms_ocp.sim.sampling import SensorsMemory, read_sensors
@@ -247,7 +246,7 @@ def command_plant(
     plant.asked_thrust[:n] = force.outputs.command[:n]
     for j in range(len(plant.asked_torque)):
         plant.asked_torque[j] = force.outputs.torque[j]
-    plant.brake = BRAKE_FRICTION if force.locks else 0.0
+    plant.brake = 1.0 if force.locks else 0.0
     if force.allocation.saturated:
         for i in range(n):
             loop.now_at_limits[i] = is_at_limit(

@@ -16,7 +16,8 @@ from uvms_ocp.types import Positive
 class ContactModel:
     """Stiffness and damping per corner. Raises `InvalidInput` for a number that is not > 0.
 
-    The values are assumed: no public measurement of a skid on sediment.
+    The values are assumed: no public measurement of a skid on sediment. They are the sediment's, and
+    thus the same for vehicles of any size.
     """
 
     stiffness: Positive = 2e4

@@ -10,9 +10,6 @@ from uvms_ocp.robot.signals import SAME_TIME
 
 _MEMORY = 2.0  # [s] of the way that a joint was asked to go
 _MOVED = 0.1  # share of that way which counts as having moved
-_JAM_TRAVEL = (
-    0.05  # [rad or m] that a joint is asked to go, and does not, before it counts as jammed
-)
 _JAM_EFFORT = 0.2  # share of its effort that must resist it
 _JAM_TIME = 0.5  # [s] for which it stands still all the time
 
@@ -24,6 +21,8 @@ class JointFaultMemory(Layout):
     """Joints."""
     effort: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [N m or N] limits of the motors."""
+    travel: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] that each is asked to go, and does not, before it counts as jammed."""
     started: bool
     t: float
     """[s] of the last look."""
@@ -87,7 +86,8 @@ def _look_at_joint(joint_faults: JointFaultMemory, j: int, resistance: float, t:
     else:
         against = resistance if joint_faults.asked[j] < 0.0 else 0.0
     stands = (
-        commanded_travel > _JAM_TRAVEL and abs(joint_faults.moved[j]) < _MOVED * commanded_travel
+        commanded_travel > joint_faults.travel[j]
+        and abs(joint_faults.moved[j]) < _MOVED * commanded_travel
     )
     if stands and against > _JAM_EFFORT * joint_faults.effort[j]:
         joint_faults.since[j] = min(joint_faults.since[j], t)

@@ -15,9 +15,12 @@ from uvms_ocp.control.faults.fault_isolation import EARLY, LATE
 from uvms_ocp.control.faults.joint_faults import JointFaultMemory
 from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.size import joint_units
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
+# rad, or sizes of the robot, that a joint is asked to go, and does not, before it counts as jammed
+_JAM_TRAVEL = 0.05
 # change of the residual force that counts as one, share of what all thrusters together give on that
 # axis
 _FORCE_SCALE = 0.02
@@ -74,7 +77,7 @@ def write_detection(
         bandwidth=bandwidth,
         period=residual_filter.every * dt,
     )
-    write_joint_watch(memory.joints, robot.limits.effort)
+    write_joint_watch(memory.joints, robot.limits.effort, _JAM_TRAVEL * joint_units(robot))
 
 
 def write_thruster_watch(
@@ -104,7 +107,7 @@ def write_thruster_watch(
     watch.fault_fit.bandwidth = bandwidth
     reach = np.abs(matrix) @ np.maximum(upper, -lower)
     scale = np.maximum(
-        np.repeat([_FORCE_SCALE, _MOMENT_SCALE], 3) * reach, 1e-6 * reach.max(initial=1.0)
+        np.repeat([_FORCE_SCALE, _MOMENT_SCALE], 3) * reach, 1e-6 * (reach.max(initial=0.0) or 1.0)
     )
     directions = matrix / scale[:, None]
     assign(
@@ -118,9 +121,11 @@ def write_thruster_watch(
     )
 
 
-def write_joint_watch(watch: JointFaultMemory, effort: np.ndarray) -> None:
-    """Initialise a `JointFaultMemory` of sound joints; effort (n_joints,) [N m or N] limits."""
-    assign(watch, count=len(effort), effort=effort, since=math.inf)
+def write_joint_watch(watch: JointFaultMemory, effort: np.ndarray, travel: np.ndarray) -> None:
+    """Initialise a `JointFaultMemory` of sound joints; effort (n_joints,) [N m or N] limits, travel
+    (n_joints,) [rad or m] that a jammed one is asked to go.
+    """
+    assign(watch, count=len(effort), effort=effort, travel=travel, since=math.inf)
 
 
 def thruster_verdicts(

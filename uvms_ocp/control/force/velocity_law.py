@@ -19,6 +19,7 @@ _MOST_DEAD = 0.2
 """bandwidth times dead time: with observer and estimator in the loop, that of Case 1 holds at 0.2
 and breaks at 0.3.
 """
+_ROUNDING = 1e-6  # share of the largest force by which one that is reached may fall short
 _NOTHING = 1e-12  # stiffness that counts as none
 CONTROLLER_DEAD_TIME = 1.5
 """control periods of dead time beside that of the sensors: half a one, as commands are held, and
@@ -79,7 +80,7 @@ class VelocityLaw:
         direction.
         """
         short = desired - reached
-        winding = ca.logic_and(ca.fabs(short) > 1e-6 * (1 + ca.fabs(desired)), short * error > 0)
+        winding = ca.logic_and(ca.fabs(short) > _ROUNDING * ca.norm_inf(desired), short * error > 0)
         return integral + ca.if_else(winding, 0.0, error * self.dt)
 
 

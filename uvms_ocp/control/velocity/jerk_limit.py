@@ -9,10 +9,13 @@ the sake of a limit is never eased.
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.robot import Robot, symbolic_bodies, thrusters
+from uvms_ocp.robot.size import size
 from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
@@ -20,6 +23,9 @@ from uvms_ocp.tasks.task import Rows, TickSymbols
 # work)
 _RISE = 0.07
 _FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
+# [m] size of a robot from which on these times hold; smaller ones move in shorter times, and would
+# swing
+_LARGE = 0.2
 _LITTLE = 0.05  # acceleration of a row over that of the row that the same axes move most
 _NOTHING = 1e-12  # keeps the division by a change of zero finite
 
@@ -33,7 +39,7 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
     """
     dt = symbols.dt
     n_v = symbols.robot.n_v
-    jerk = ca.DM(symbols.robot.limits.acceleration) / _RISE
+    jerk = ca.DM(symbols.robot.limits.acceleration) / (_RISE * pace(symbols.robot))
     # An axis that was braked to a standstill stays there: what is left of the braking must not push
     # it backwards.
     falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
@@ -49,6 +55,13 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
     )
 
 
+def pace(robot: Robot) -> float:
+    """Return the share of their times in which accelerations of a robot rise and fall: the root of its
+    size, as for waves (Froude), and 1 of large ones.
+    """
+    return min(1.0, math.sqrt(size(robot.model) / _LARGE))
+
+
 def unlimited_axes(robot: Robot) -> np.ndarray:
     """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the
     others.
@@ -58,25 +71,26 @@ def unlimited_axes(robot: Robot) -> np.ndarray:
     return unlimited
 
 
-def smooth_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+def smooth_share(desired: ca.SX, acceleration: ca.SX, dt: float, pace: float = 1.0) -> ca.SX:
     """Compute the share (m,) of the `desired` changes (m,) [any/s] that rates can make in this
     tick, so as to arrive smoothly.
 
-    acceleration (m,) [any/s2]: largest of each rate. dt [s].
+    acceleration (m,) [any/s2]: largest of each rate. dt [s]. pace: `pace` of the robot.
     """
-    return ca.fmin(_share(desired, acceleration, dt), falling_share(desired, acceleration, dt))
+    falling = falling_share(desired, acceleration, dt, pace)
+    return ca.fmin(_share(desired, acceleration, dt), falling)
 
 
-def common_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+def common_share(desired: ca.SX, acceleration: ca.SX, dt: float, pace: float = 1.0) -> ca.SX:
     """Compute the shares (m,) of rows that change in proportion: the smallest `smooth_share` of
     those that the axes can move.
 
     A row that they move by little, beside the row that they move most, as in a singular posture,
     has its own share: in proportion to it none would move. desired (m,) [any/s]; acceleration (m,)
-    [any/s2]; dt [s].
+    [any/s2]; dt [s]; pace: `pace` of the robot.
     """
     share = _share(desired, acceleration, dt)
-    excess = _excess(desired, acceleration, dt)
+    excess = _excess(desired, acceleration, dt, pace)
     moved = acceleration > _LITTLE * ca.mmax(acceleration)
     # One root for all of them.
     smallest_share = ca.mmin(ca.if_else(moved, share, ca.inf))
@@ -84,22 +98,22 @@ def common_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
     return ca.if_else(moved, common, ca.fmin(ca.fmin(share, _falling(excess)), common))
 
 
-def falling_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+def falling_share(desired: ca.SX, acceleration: ca.SX, dt: float, pace: float = 1.0) -> ca.SX:
     """Limit the share like `smooth_share`, for the acceleration limit itself: it falls to 0 on the
     last part of the way.
 
-    desired (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
+    desired (m,) [any/s]; acceleration (m,) [any/s2]; dt [s]; pace: `pace` of the robot.
     """
-    return _falling(_excess(desired, acceleration, dt))
+    return _falling(_excess(desired, acceleration, dt, pace))
 
 
 def _share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
     return acceleration * dt / ca.fmax(ca.fabs(desired), _NOTHING)
 
 
-def _excess(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+def _excess(desired: ca.SX, acceleration: ca.SX, dt: float, pace: float) -> ca.SX:
     """Compute the ratio of the desired change to what the jerk alone allows in one tick."""
-    jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
+    jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / (pace * _FALL)
     return 2 * ca.fabs(desired) / (jerk * dt**2)
 
 

@@ -38,7 +38,7 @@ class ActuationModel:
         """(n_joints,) [N m]"""
         self.torque_limit = robot.limits.effort / self.torque_unit
         wrench = np.abs(self.matrix) @ self.thrust_unit / 4
-        wrench_unit = np.maximum(wrench, 1e-3 * wrench.max(initial=1.0))
+        wrench_unit = np.maximum(wrench, 1e-3 * (wrench.max(initial=0.0) or 1.0))
         self.force_unit = np.concatenate([wrench_unit, self.torque_unit])
         """(n_v,) [N, N m] unit of generalised forces."""
 

@@ -8,12 +8,13 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot.shapes.hull import lowest_link, skid_points
+from uvms_ocp.robot.size import size
 from uvms_ocp.scenario.preflight.findings import Finding, Severity
 from uvms_ocp.scenario.preflight.phase_forecast import Visit
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.sim.nearest_passage import closest_approach
 
-_SUNK = 0.02  # [m] that what stands on the floor may be in it
+_SUNK = 0.08  # sizes of the robot that what stands on the floor may be in it
 OBSTACLES = "obstacles"
 
 
@@ -24,7 +25,7 @@ def check_hull(setup: Setup) -> Iterator[Finding]:
     X_WB = pin.XYZQUATToSE3(np.asarray(setup.start[:7]))
     points = [X_WB.act(point) for point in skid_points(setup.robot)]
     depth = max((setup.floor_at(x, y) - z for x, y, z in points), default=0.0)
-    if depth > _SUNK:
+    if depth > _SUNK * size(setup.robot.model):
         severity = Severity.ERROR if setup.with_forces else Severity.WARNING
         text = (
             f"the hull starts {depth:.2f} m inside the floor, lowest with link"

@@ -15,6 +15,7 @@ import pinocchio as pin
 from uvms_ocp.control.velocity.swing import swinging_axes
 from uvms_ocp.robot.limits import from_joint_values
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.size import size
 from uvms_ocp.robot.static_balance import rotation_at_rest
 from uvms_ocp.scenario.preflight.findings import Finding, Severity
 from uvms_ocp.scenario.preflight.phase_forecast import Stance, Visit, forecast
@@ -33,8 +34,8 @@ _CONVERGED = 1e-9
 
 CHECK = "reachability"
 _N_TIMES = 5  # samples of a goal that moves
-_STEP = 0.05  # [m] between suggested way points
-_FARTHEST = 2.0  # [m] from the way point given
+_STEP = 0.1  # sizes of the robot between suggested way points
+_FARTHEST = 4.0  # sizes of the robot from the way point given
 # starts from solved neighbours, and random ones beside them
 _N_NEAR = 3
 _N_FEW = 4
@@ -354,7 +355,8 @@ def _suggestion(
     way_point, _ = evaluate_pose(task.name, task.goal, 0.0)
     direction = (goals[0].translation - way_point.translation) * [1.0, 1.0, 0.0]
     distance = float(np.linalg.norm(direction))
-    for step in np.arange(_STEP, min(distance, _FARTHEST), _STEP):
+    unit = size(setup.robot.model)
+    for step in np.arange(_STEP * unit, min(distance, _FARTHEST * unit), _STEP * unit):
         shifted = pin.SE3(way_point.rotation, way_point.translation + direction * (step / distance))
         phases = list(setup.mission.phases)
         phases[phase] = replace(phases[phase], goals={**phases[phase].goals, task.name: shifted})

@@ -28,17 +28,18 @@ from uvms_ocp.robot import (
 )
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.shape_pairs import links_without_shape
+from uvms_ocp.robot.size import size, weight
 from uvms_ocp.robot.unknowns import joints_without_inertia, unknowns
 from uvms_ocp.robot.up_axis import TURN, signs_of_z_down
 from uvms_ocp.scenario.preflight.mesh_sizes import mesh_axis_doubts, mesh_size_doubts, open_meshes
 
-FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
-MOMENT_TOLERANCE = 0.5  # [N m]
+_TRIM_FORCE = 3e-3  # share of the weight that is left of a trimmed robot with its arm stowed
+_TRIM_MOMENT = 0.01  # the same of the moment, with the robot's size as the lever
 LARGEST_TILT = np.deg2rad(15.0)
 """[rad] beyond which a vehicle is no longer called level."""
 _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 _HULL_SHARE = 0.9  # of the hull, within which floats and ballast for trim are placed
-_SMALLEST_REACH = 0.1  # [m] from the origin to a border of the hull, a hand's breadth
+_SMALLEST_REACH = 0.4  # sizes of the robot from the origin to a border of the hull
 _SHOWN_MESHES = 4
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
 _LIMITING = (
@@ -306,7 +307,9 @@ def _trim(robot: Robot) -> RobotFinding:
         f"{force:+.3g} N upwards and {moment_norm:.3g} N m with the arm stowed in water of"
         f" {robot.description.water_density:g} kg/m3"
     )
-    if abs(force) < FORCE_TOLERANCE and moment_norm < MOMENT_TOLERANCE:
+    is_balanced = abs(force) < _TRIM_FORCE * weight(robot.model)
+    is_level = moment_norm < _TRIM_MOMENT * weight(robot.model) * size(robot.model)
+    if is_balanced and is_level:
         return _good("trim", text)
     return _warning("trim", f"{text}; {_trim_advice(robot, force, moment)}")
 
@@ -395,13 +398,14 @@ def trim_bodies(
     lift = -force
     lever = np.array([moment[1], -moment[0]])  # [N m] lift times place
     low, high = _hull(robot)
-    if abs(lift) >= FORCE_TOLERANCE:
+    if abs(lift) >= _TRIM_FORCE * weight(robot.model):
         place = lever / lift
         if ((low <= place) & (place <= high)).all():
             return [_trim_body(robot, "", place, lift)]
     direction = lever / np.linalg.norm(lever)
-    reach = _reach(direction, low, high)
-    opposite_reach = _reach(-direction, low, high)
+    smallest = _SMALLEST_REACH * size(robot.model)
+    reach = max(_reach(direction, low, high), smallest)
+    opposite_reach = max(_reach(-direction, low, high), smallest)
     first_lift = (float(np.linalg.norm(lever)) + lift * opposite_reach) / (reach + opposite_reach)
     pair = (
         _trim_body(robot, "_1", reach * direction, first_lift),
@@ -440,14 +444,13 @@ def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _reach(direction: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """Return the distance [m] from the origin of B to the border of the hull in a direction (2,).
-
-    It is a hand's breadth at least. low, high: corners of the hull (2,) [m].
+    """Return the distance [m] from the origin of B to the border of the hull in a direction (2,);
+    low, high: corners of the hull (2,) [m].
     """
     borders = np.where(direction > 0.0, high, low)
     is_along = np.abs(direction) > _RANK_TOLERANCE
     distances = borders[is_along] / direction[is_along]
-    return max(float(distances.min()), _SMALLEST_REACH)
+    return float(distances.min())
 
 
 def _thrusters(robot: Robot) -> RobotFinding:

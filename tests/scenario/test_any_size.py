@@ -1,0 +1,117 @@
+"""A toy of ten grams and a machine of ten tonnes are judged and flown as the robot that they are models of:
+no tolerance of pre-flight or control is a number of newtons or metres for robots of one size.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from compiler import long_without_compiler
+from scaled_robots import scaled_reach, scaled_robot
+
+from uvms_ocp.robot import list_robots, load_robot
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.preflight.robot_check import check_robot
+from uvms_ocp.scenario.scenario import Scenario
+
+MASSES = {"toy": 0.01, "machine": 1e4}
+"""[kg]"""
+FLOWN = ("bluerov2_alpha5", "girona_maris7_full")
+SITUATIONS: dict[str, dict[str, Any]] = {
+    "still water": {},
+    "a current": {"current": (0.15, 0.1, 0.03)},
+    "too much of a current": {"current": (2.0, 0.0, 0.0)},
+    "a little heavy": {"ballast": 1e-3},
+    "heavy": {"ballast": 0.02},
+}
+
+
+def _mass(robot: Robot) -> float:
+    return sum(float(inertia.mass) for inertia in robot.model.inertias)
+
+
+def length_of(name: str, mass: float) -> float:
+    """Times that a robot of this mass [kg] is as long as the shipped one."""
+    return math.cbrt(mass / _mass(load_robot(name)))
+
+
+def judgement(scenario: Scenario) -> list[tuple[str, str, str]]:
+    return [
+        (finding.severity.name, finding.check, finding.phase)
+        for finding in scenario.check().findings
+    ]
+
+
+@pytest.mark.parametrize("mass", MASSES.values(), ids=MASSES)
+@pytest.mark.parametrize("name", list_robots())
+def test_forces_of_a_scaled_robot_are_those_of_the_robot(name: str, mass: float) -> None:
+    length = length_of(name, mass)
+    robot = load_robot(name)
+    same = scaled_robot(name, length)
+    rng = np.random.default_rng(2)
+    v = rng.uniform(-0.3, 0.3, robot.n_v)
+    a = rng.uniform(-0.3, 0.3, robot.n_v)
+    q = np.array(robot.configuration())
+    unit = np.ones(robot.n_v)  # of displacements
+    unit[: 3 if robot.n_vehicle else 0] = length
+    for joint in robot.joints:
+        unit[joint.v] = length if joint.slides else 1.0
+    tau = robot_dynamics(robot).inverse_dynamics(q, v, a)
+    tau_same = robot_dynamics(same).inverse_dynamics(
+        q, v * unit / math.sqrt(length), a * unit / length
+    )
+    np.testing.assert_allclose(tau_same * unit / length**4, tau, atol=1e-8 * np.abs(tau).max())
+
+
+@pytest.mark.parametrize("mass", MASSES.values(), ids=MASSES)
+@pytest.mark.parametrize("name", list_robots())
+def test_a_scaled_robot_is_found_as_good_as_the_robot(name: str, mass: float) -> None:
+    """A tonne out of trim by 0.5 N was warned of, and ten grams, that weigh 0.1 N, never."""
+    reports = [
+        check_robot(robot)
+        for robot in (load_robot(name), scaled_robot(name, length_of(name, mass)))
+    ]
+    as_is, scaled = (
+        [(finding.verdict, finding.subject) for finding in report.findings] for report in reports
+    )
+    assert scaled == as_is
+
+
+@long_without_compiler
+@pytest.mark.parametrize("mass", MASSES.values(), ids=MASSES)
+@pytest.mark.parametrize("situation", SITUATIONS)
+@pytest.mark.parametrize("name", [*FLOWN, "torpedo_auv", "bluerov2_six_alpha5"])
+def test_pre_flight_judges_a_scaled_mission_as_the_mission(
+    name: str, situation: str, mass: float
+) -> None:
+    """A vehicle without thrust in heave was refused for 0.5 N, 500 times a toy's weight or 5 parts
+    in a million of a machine's.
+    """
+    as_is, scaled = (
+        scaled_reach(name, length, **SITUATIONS[situation])
+        for length in (1.0, length_of(name, mass))
+    )
+    assert judgement(scaled) == judgement(as_is)
+
+
+@long_without_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("mass", MASSES.values(), ids=MASSES)
+@pytest.mark.parametrize("situation", ["still water", "a current"])
+@pytest.mark.parametrize("name", FLOWN)
+def test_a_scaled_mission_is_flown_as_the_mission(name: str, situation: str, mass: float) -> None:
+    """A toy swung by 0.2 rad for ever: its accelerations rose as slowly as those of a vehicle."""
+    durations = []
+    for length in (1.0, length_of(name, mass)):
+        scenario = scaled_reach(name, length, **SITUATIONS[situation])
+        record = scenario.run()
+        limit = scenario.robot.limits.velocity[6:]
+        assert record.run_meta.completed
+        assert (np.abs(record["v"][:, 6:]) <= limit).all()
+        durations.append(record["t"][-1] / math.sqrt(length))
+    as_is, scaled = durations
+    assert scaled == pytest.approx(as_is, rel=0.02)

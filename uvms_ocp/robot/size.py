@@ -1,0 +1,48 @@
+"""Weight and size of a robot, of which tolerances in newtons, newton metres and metres are shares: they
+mean the same to a toy of ten grams and to a machine of ten tonnes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.robot.robot import Robot
+
+_WATER_DENSITY = 1000.0  # [kg/m3]
+_LIGHTEST = 1e-9  # [kg]
+
+
+def weight(model: pin.Model) -> float:
+    """Return the weight [N] of all moving bodies in air."""
+    return float(np.linalg.norm(model.gravity.linear)) * _mass(model)
+
+
+def size(model: pin.Model) -> float:
+    """Return the side [m] of a cube of water that is as heavy as all moving bodies: 0.25 m of 15 kg."""
+    return float(np.cbrt(_mass(model) / _WATER_DENSITY))
+
+
+def joint_units(robot: Robot) -> np.ndarray:
+    """Return what counts as much as a radian of each joint (n_joints,): that, or the size [m] of the
+    robot for one that slides.
+    """
+    units = np.ones(robot.n_joints)
+    for joint in robot.joints:
+        if joint.slides:
+            units[joint.idx_v - robot.n_vehicle] = size(robot.model)
+    return units
+
+
+def joint_strength(robot: Robot) -> np.ndarray:
+    """Return the most (n_joints,) [N m or N] that joints are built for: the effort of their motors, the
+    weight of the robot at least, with its size as the lever.
+    """
+    by_weight = weight(robot.model) * size(robot.model) / joint_units(robot)
+    effort = np.asarray(robot.limits.effort)
+    return np.maximum(by_weight, np.where(np.isfinite(effort), effort, 0.0))
+
+
+def _mass(model: pin.Model) -> float:
+    masses = [float(inertia.mass) for inertia in model.inertias[1:]]
+    return max(sum(masses), _LIGHTEST)
