@@ -17,7 +17,7 @@ from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.estimation.health.redundancy import Culprit, HeightPairs, culprit_of
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Reading, Readings, Trust
+from uvms_ocp.robot.signals import Reading, Readings, SensorSpec, SensorSpecs, Trust
 
 # [s]
 STEP = 0.02
@@ -266,6 +266,32 @@ def test_of_gyro_and_attitude_the_one_that_has_changed_at_once_is_blamed_and_bot
 def angle(a: np.ndarray, b: np.ndarray) -> float:
     """[rad] between two quaternions (4,)."""
     return 2.0 * float(np.arccos(min(1.0, abs(a @ b))))
+
+
+@pytest.mark.parametrize("motion", ["sways", "rests"])
+def test_encoders_that_drifted_for_a_while_blame_no_rates_later(motion: str, robot: Robot) -> None:
+    """Sound rates were suspect from 10 s after the end of the drift on."""
+    end = 18.0
+    drift = drifting("joint_positions", 0.03 * (np.arange(robot.n_joints) == 2), 8.0)
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        reading = readings.joint_positions
+        if reading is None or reading.t >= end:
+            return readings
+        return drift(readings, t)
+
+    still = np.zeros(robot.n_v)
+    run = HealthRun(
+        robot,
+        duration=end + 24.0,
+        spoil=spoil,
+        motion=None if motion == "sways" else lambda t: still,
+        specs=replace(SensorSpecs(), joint_velocities=SensorSpec(rate=200.0, sigma=2e-3)),
+        dt=STEP,
+    )
+    assert run.first_bad("joint_positions", 8.0) < 5.0
+    assert run.last_bad("joint_positions") < end + 3.0
+    assert run.last_bad("joint_velocities") < end + 3.0
 
 
 @pytest.mark.parametrize("size", [0.5, 1.0, 3.0])

@@ -709,7 +709,7 @@ def update_joint_rates(comparison: RateAgainstEncoder, rates: Vector, t: float) 
         comparison.rate_before[i] = comparison.rate[i]
         comparison.rate[i] = rates[i]
     if not 0.0 <= t - comparison.t <= _BLIND:
-        comparison.newer_t = -math.inf
+        forget_joint_ways(comparison)
     comparison.t = t
 
 
@@ -738,6 +738,11 @@ def is_seen_by_encoder(comparison: RateAgainstEncoder, i: int, rate: float, t: f
     return goes_along(gone, change)
 
 
+def forget_joint_ways(comparison: RateAgainstEncoder) -> None:
+    """Begin the comparison anew."""
+    comparison.newer_t = -math.inf
+
+
 def is_adrift(comparison: RateAgainstEncoder) -> bool:
     """Return whether the encoder of a joint, `worst`, drifts from its rate, by its newest position,
     once rates of the same time are known.
@@ -747,7 +752,7 @@ def is_adrift(comparison: RateAgainstEncoder) -> bool:
         return False
     comparison.awaited = False
     if not comparison.t - t <= _BLIND:
-        comparison.newer_t = -math.inf
+        forget_joint_ways(comparison)
         return False
     first = comparison.newer_t == -math.inf
     due = t - comparison.newer_t >= _ENCODER_SPAN

@@ -139,12 +139,21 @@ def _agrees(
     ):
         set_complaint(why, Reason.OFF, error, allowed)
         channel.off_in_a_row += 1
-        if channel.number == ChannelIndex.ATTITUDE:
-            redundancy.forget_turns(health.rate)
+        _forget_what_is_off(health, channel)
         return False
     channel.agreed += 1
     channel.off_in_a_row = 0
     return True
+
+
+def _forget_what_is_off(health: HealthMemory, channel: ChannelMemory) -> None:
+    """Begin longer comparisons of a channel that is off anew: they would blame what it did while it
+    was wrong on others, once it is right again.
+    """
+    if channel.number == ChannelIndex.ATTITUDE:
+        redundancy.forget_turns(health.rate)
+    elif channel.number == ChannelIndex.JOINT_POSITIONS:
+        redundancy.forget_joint_ways(health.encoder)
 
 
 def _goes_on(channel: ChannelMemory) -> bool:
