@@ -292,7 +292,7 @@ def _middle(values: Sequence[float]) -> str:
 
 def prose(imu: Session, mocap: Session, rows: Sequence[Row], free: Sequence[Row]) -> str:
     """Fill in the figures of both sensors."""
-    offsets = np.degrees(np.std(list(imu.estimate.own.values()), axis=0))
+    offsets = np.degrees(np.std(list(imu.estimate.per_recording.values()), axis=0))
     return PROSE.format(
         n=len(imu.prepared),
         known=KNOWN,

@@ -133,7 +133,11 @@ class Bench:
         for itself.
         """
         return Predictor(
-            vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE, own=True
+            vehicle=self.vehicle,
+            rollout=self.rollout,
+            shared=shared,
+            noise=NOISE,
+            fits_per_recording=True,
         )
 
 
@@ -300,7 +304,11 @@ def in_sample(drifting: Bench, estimate: Estimate, kind: str) -> list[Row]:
         name = prepared.recording.name
         (whole,) = prepared.stretches(STEP)
         predicted = rolled_out(
-            drifting.rollout, whole, estimate.starts[k], estimate.shared, estimate.own[name]
+            drifting.rollout,
+            whole,
+            estimate.starts[k],
+            estimate.shared,
+            estimate.per_recording[name],
         )
         rows.append(row(name, kind, predicted))
     return rows
@@ -347,7 +355,7 @@ def _doubts(steady: Bench) -> str:
 
 def prose(steady: Bench, drifting: Estimate, rows: Sequence[Row]) -> str:
     """Fill in the figures of a bench, of an estimate with forces of each recording, and of rows."""
-    forces = [float(own_unknowns[0]) for own_unknowns in drifting.own.values()]
+    forces = [float(per_recording[0]) for per_recording in drifting.per_recording.values()]
     return PROSE.format(
         n=len(steady.prepared),
         length=_length(steady),

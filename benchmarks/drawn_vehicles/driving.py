@@ -67,7 +67,7 @@ def vehicle(
     return Vehicle(
         dynamics=dynamics,
         shared=Unknowns(declaration),
-        own=Unknowns(declaration, own=True),
+        per_recording=Unknowns(declaration, per_recording=True),
         actuators=actuators,
     )
 

@@ -106,6 +106,6 @@ def vehicle(**learnt: Prior) -> Vehicle:
     return Vehicle(
         dynamics=dynamics(),
         shared=Unknowns(parameters),
-        own=Unknowns(parameters, own=True),
+        per_recording=Unknowns(parameters, per_recording=True),
         actuators=ACTUATORS,
     )

@@ -70,7 +70,7 @@ class Learner:
             shared=shared,
             noise=self.noise,
             start_window=KNOWN,
-            own=True,
+            fits_per_recording=True,
         )
         return predictor.of(prepared.stretches(STEP)[0])
 
@@ -84,7 +84,7 @@ def pool_learner(noise: Noise) -> Learner:
     vehicle = Vehicle(
         dynamics=dynamics,
         shared=Unknowns(declaration),
-        own=Unknowns(declaration, own=True),
+        per_recording=Unknowns(declaration, per_recording=True),
         actuators=no_thrusters,
     )
     return Learner(vehicle=vehicle, rollout=Rollout(stage_of(vehicle)), noise=noise)

@@ -31,7 +31,7 @@ def vehicle_of(declaration: Declaration) -> Vehicle:
     return Vehicle(
         dynamics=vehicle(),
         shared=Unknowns(declaration),
-        own=Unknowns(declaration, own=True),
+        per_recording=Unknowns(declaration, per_recording=True),
         actuators=ACTUATORS,
     )
 

@@ -217,7 +217,7 @@ def _motion(one: PreparedRecording, window: float) -> tuple[np.ndarray, np.ndarr
 
 def _wrench(vehicle: Vehicle, one: PreparedRecording, t: np.ndarray) -> np.ndarray:
     stage = stage_of(vehicle)
-    p = np.concatenate([vehicle.shared.start, vehicle.own.start])
+    p = np.concatenate([vehicle.shared.start, vehicle.per_recording.start])
     values = vehicle.values(ca.SX(ca.DM(p)))
     late = float(np.asarray(stage.delays(p)[0])[0, 0])
     edges = np.arange(t[0] - late - PAST * PAST_STEP, t[-1] - late + PAST_STEP, PAST_STEP)

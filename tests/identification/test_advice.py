@@ -34,7 +34,7 @@ def left(size: Sequence[float]) -> tuple[UnidentifiableDirection, ...]:
     auv, rollout = problem()
     recording = drive(
         rollout.stage,
-        np.concatenate([auv.shared.start, auv.own.start]),
+        np.concatenate([auv.shared.start, auv.per_recording.start]),
         seed=0,
         noise=0.005,
         size=size,
@@ -81,6 +81,6 @@ def test_what_is_open_together_has_advice_of_its_own(names: tuple[str, ...], wor
 
 def test_there_is_advice_for_everything_that_recordings_share() -> None:
     for name, quantity in known().quantities.items():
-        if not quantity.own:
+        if not quantity.per_recording:
             for coordinate in quantity.coordinates.names:
                 assert len(advice(combination(f"{name} {coordinate}".strip()))) > 10

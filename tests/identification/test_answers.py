@@ -42,7 +42,7 @@ def problem() -> tuple[Vehicle, Rollout]:
 
 def recording(seed: int = 0, noise: float = 0.0, size: Sequence[float] = SIZE) -> Recording:
     auv, rollout = problem()
-    p = np.concatenate([auv.shared.start, auv.own.start])
+    p = np.concatenate([auv.shared.start, auv.per_recording.start])
     return drive(rollout.stage, p, seed=seed, noise=noise, t_end=20.0, size=size)
 
 
@@ -92,7 +92,9 @@ def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
     auv = vehicle_of(known().with_status(wrench_offset=Prior(sigma=10.0, only=("heave",))))
     rollout = Rollout(stage_of(auv))
     drifting = drive(rollout.stage, np.array([8.0]), seed=0, t_end=20.0, size=(0.0,) * 6)
-    found = Predictor(vehicle=auv, rollout=rollout, shared=auv.shared.start, noise=NOISE, own=own)
+    found = Predictor(
+        vehicle=auv, rollout=rollout, shared=auv.shared.start, noise=NOISE, fits_per_recording=own
+    )
     predicted = found.of(PreparedRecording.of(drifting, auv).stretches(0.05)[0])
     assert least < fit_percent(predicted.measured[0][:, 2], predicted.rows[0][:, 2]) < most
 

@@ -308,7 +308,9 @@ def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
     size = 0.002
     for way in (-size, size):
         moved = auv.shared.declaration.with_start(current=way * np.eye(3)[0])
-        other = replace(auv, shared=Unknowns(moved), own=Unknowns(moved, own=True))
+        other = replace(
+            auv, shared=Unknowns(moved), per_recording=Unknowns(moved, per_recording=True)
+        )
         problem = replace(
             fitted, vehicle=other, rollout=Rollout(stage_of(other, sharp=True))
         ).problem()

@@ -109,7 +109,7 @@ def test_only_what_is_free_is_an_unknown() -> None:
 def test_what_recordings_have_for_themselves_is_apart() -> None:
     known = declaration().with_status(mass=Free(), current=Free(only=("x", "y")))
     assert Unknowns(known).names == ("mass",)
-    assert Unknowns(known, own=True).names == ("current x", "current y")
+    assert Unknowns(known, per_recording=True).names == ("current x", "current y")
 
 
 def test_a_body_that_cannot_be_is_refused() -> None:

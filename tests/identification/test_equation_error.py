@@ -66,7 +66,10 @@ def test_mistakes_are_named() -> None:
         fit("mas")
     auv = still_known()
     armed = Vehicle(
-        dynamics=vehicle(n_joints=1), shared=auv.shared, own=auv.own, actuators=auv.actuators
+        dynamics=vehicle(n_joints=1),
+        shared=auv.shared,
+        per_recording=auv.per_recording,
+        actuators=auv.actuators,
     )
     with pytest.raises(InvalidInput, match="vehicle with joints"):
         fit_equation_error(armed, [prepared()], ["mass"])

@@ -104,11 +104,11 @@ def built(
     known = known.with_status(
         current=Free(), wrench_offset=Free(), attitude_offset=Free(), rate_bias=Free()
     )
-    own = Unknowns(known, own=True)
+    per_recording = Unknowns(known, per_recording=True)
     one = Vehicle(
         dynamics=vehicle(n_joints),
         shared=Unknowns(known),
-        own=own,
+        per_recording=per_recording,
         actuators=actuators or ActuatorModel(dead_zone=0.5),
     )
     return one, stage_of(one)
@@ -124,7 +124,9 @@ def point(one: Vehicle, stage: StageFunctions, seed: int) -> list[np.ndarray]:
             5.0 * rng.normal(size=stage.n_u),
         ]
     )
-    p = np.concatenate([one.shared.start, one.own.start]) + 0.1 * rng.normal(size=stage.n_p)
+    p = np.concatenate([one.shared.start, one.per_recording.start]) + 0.1 * rng.normal(
+        size=stage.n_p
+    )
     return [
         x,
         5.0 * rng.normal(size=stage.n_u),
@@ -186,7 +188,7 @@ def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_bey
     whole: bool, beyond: float
 ) -> None:
     auv, stage = built(actuators=ActuatorModel(dead_zone=1.0, lag=1e-3, whole_beyond=whole))
-    p = np.concatenate([auv.shared.start, auv.own.start])
+    p = np.concatenate([auv.shared.start, auv.per_recording.start])
     still = np.array([0, 0, 0, 0, 0, 0, 1.0, *np.zeros(12)])
     given = np.asarray(stage.step(still, [0.2, 4.0, -4.0, 0, 0, 0], np.zeros(0), p, 0.1)).ravel()[
         13:
@@ -202,9 +204,9 @@ def test_the_edge_of_a_dead_zone_that_is_known_is_where_it_is(whole: bool) -> No
     stage = stage_of(auv, sharp=True)
     u = np.array([0.9, 1.1, -0.9, -1.1, 0.0, 2.0])
     thrust = np.asarray(
-        stage.begun(np.outer(u, np.ones(PAST)), np.concatenate([auv.shared.start, auv.own.start]))[
-            0
-        ]
+        stage.begun(
+            np.outer(u, np.ones(PAST)), np.concatenate([auv.shared.start, auv.per_recording.start])
+        )[0]
     ).ravel()
     np.testing.assert_allclose(
         thrust, np.where(np.abs(u) > 1.0, u - (not whole) * np.sign(u), 0.0), atol=1e-3

@@ -30,7 +30,10 @@ def found() -> tuple[Vehicle, Estimate]:
     auv = vehicle_of(known().with_status(**LEARNT))
     rollout = Rollout(stage_of(auv))
     recording = drive(
-        rollout.stage, np.concatenate([auv.shared.start, auv.own.start]), seed=1, noise=0.02
+        rollout.stage,
+        np.concatenate([auv.shared.start, auv.per_recording.start]),
+        seed=1,
+        noise=0.02,
     )
     error = OutputErrorProblem(
         auv, PreparedRecording.of(recording, auv).stretches(0.1, 10.0), Noise(), rollout

@@ -78,7 +78,7 @@ def test_a_towing_test_of_one_axis_gives_its_numbers() -> None:
     report = report_text(calibration)
     assert "moves along surge alone" in report
     assert "| recording | wrench_offset surge [N, N m] |" in report
-    assert f"| towed | {calibration.estimate.own['towed'][0]:.3g} |" in report
+    assert f"| towed | {calibration.estimate.per_recording['towed'][0]:.3g} |" in report
 
 
 @pytest.mark.parametrize("commands", ["wrench", "propeller_commands"])

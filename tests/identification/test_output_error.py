@@ -167,7 +167,9 @@ def test_what_made_a_recording_is_found_again() -> None:
     fitted = fit(recording(0), recording(1))
     assert fitted.status is FitStatus.CONVERGED
     np.testing.assert_allclose(fitted.shared, truth()[:-1], atol=0.03)
-    np.testing.assert_allclose([float(x[0]) for x in fitted.own.values()], truth()[-1], atol=0.2)
+    np.testing.assert_allclose(
+        [float(x[0]) for x in fitted.per_recording.values()], truth()[-1], atol=0.2
+    )
 
 
 def test_a_step_that_damping_holds_back_is_not_called_converged() -> None:
@@ -300,7 +302,7 @@ def test_normal_equations_have_the_gradient_of_the_cost() -> None:
     point = error.start(truth()[:-1] + 0.003)  # no command and no sample at an edge of a step
     (block,) = error.blocks(point)
     n = len(point.shared)
-    m = len(point.own[0])
+    m = len(point.per_recording[0])
     size = N_START * len(point.starts[0])
     rng = np.random.default_rng(5)
     collected = []
@@ -315,7 +317,7 @@ def test_normal_equations_have_the_gradient_of_the_cost() -> None:
             )
             moved = SearchPoint(
                 shared=point.shared + k * way[:n],
-                own=(point.own[0] + k * way[n : n + m],),
+                per_recording=(point.per_recording[0] + k * way[n : n + m],),
                 starts=(starts,),
             )
             ends.append(error.blocks(moved)[0].cost)

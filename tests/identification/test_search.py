@@ -113,7 +113,7 @@ def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same
         rtol=0.01,
         atol=0.01 * np.abs(wanted.information).max(),
     )
-    assert fitted.own.keys() == wanted.own.keys()
+    assert fitted.per_recording.keys() == wanted.per_recording.keys()
     assert len(fitted.starts) == len(wanted.starts)
 
 

@@ -124,7 +124,7 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> Calib
     has_shape = bool(shape_of(robot, dynamics.links[link].frame))
     declaration = _with_learnt(declaration, settings, has_shape=has_shape)
     shared = Unknowns(declaration)
-    per_recording = Unknowns(declaration, own=True)
+    per_recording = Unknowns(declaration, per_recording=True)
     if not (shared.names or per_recording.names):
         raise InvalidInput(
             f"learn: {', '.join(settings.learn)} given, and nothing in it is free; free some of"
@@ -133,7 +133,7 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> Calib
     vehicle = Vehicle(
         dynamics=dynamics,
         shared=shared,
-        own=per_recording,
+        per_recording=per_recording,
         actuators=actuators,
         link=link,
         axes=tuple(k for k, name in enumerate(parameters.AXES) if name in settings.axes),
@@ -159,7 +159,9 @@ def with_delays(
         learnt = parameters.Prior(sigma=_DELAY_SPREAD)
         declaration = declaration.with_status(**dict.fromkeys(unstated, learnt))
     vehicle = replace(
-        subject.vehicle, shared=Unknowns(declaration), own=Unknowns(declaration, own=True)
+        subject.vehicle,
+        shared=Unknowns(declaration),
+        per_recording=Unknowns(declaration, per_recording=True),
     )
     return replace(subject, vehicle=vehicle)
 

@@ -109,13 +109,13 @@ class PositiveDefinite:
     @property
     def names(self) -> tuple[str, ...]:
         """Axes, then pairs of them."""
-        axes = [self.axes[i] for i in self.own]
+        axes = [self.axes[i] for i in self.diagonal]
         pairs = [f"{self.axes[i]}-{self.axes[j]}" for i, j in self.below]
         return (*axes, *pairs)
 
     @property
-    def own(self) -> tuple[int, ...]:
-        """Axes that are there."""
+    def diagonal(self) -> tuple[int, ...]:
+        """Axes with an entry on the diagonal of L: those whose scale is not 0."""
         return tuple(int(i) for i in np.flatnonzero(self.scale))
 
     @property
@@ -126,9 +126,9 @@ class PositiveDefinite:
     def decode(self, x: ca.SX) -> ca.SX:
         """Compute the matrix (n, n) at coordinates x (n_names,)."""
         L = ca.SX(len(self.axes), len(self.axes))
-        for k, i in enumerate(self.own):
+        for k, i in enumerate(self.diagonal):
             L[i, i] = ca.exp(x[k])
-        for k, (i, j) in enumerate(self.below, start=len(self.own)):
+        for k, (i, j) in enumerate(self.below, start=len(self.diagonal)):
             L[i, j] = x[k]
         scaled = ca.diag(ca.DM(self.scale)) @ L
         return scaled @ scaled.T
@@ -137,16 +137,16 @@ class PositiveDefinite:
         """Compute x of a value (n, n) [unit of the quantity]. Raises InvalidInput for one that is
         not positive definite on its axes.
         """
-        block = np.ix_(self.own, self.own)
+        block = np.ix_(self.diagonal, self.diagonal)
         L = np.zeros((len(self.axes),) * 2)
-        unit = np.diag(1.0 / self.scale[list(self.own)])
+        unit = np.diag(1.0 / self.scale[list(self.diagonal)])
         try:
             L[block] = np.linalg.cholesky(unit @ np.asarray(value, dtype=float)[block] @ unit)
         except np.linalg.LinAlgError:
             raise InvalidInput(
                 "a matrix that is not positive definite is given; give one that is"
             ) from None
-        diagonal = [np.log(L[i, i]) for i in self.own]
+        diagonal = [np.log(L[i, i]) for i in self.diagonal]
         below = [L[i, j] for i, j in self.below]
         return np.array(diagonal + below)
 
@@ -239,14 +239,14 @@ class QuadraticDrag:
                 )
 
     @property
-    def own(self) -> tuple[int, ...]:
-        """Axes that have drag of their own."""
+    def diagonal(self) -> tuple[int, ...]:
+        """Axes with drag on the diagonal of Q: those whose scale is not 0."""
         return tuple(int(i) for i in np.flatnonzero(self.scale))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Axes, then pairs of them."""
-        axes = [self.axes[i] for i in self.own]
+        axes = [self.axes[i] for i in self.diagonal]
         pairs = [f"{self.axes[i]} from {self.axes[j]}" for i, j in self.couplings]
         return (*axes, *pairs)
 
@@ -254,11 +254,11 @@ class QuadraticDrag:
         """Compute Q (6, 6) [N/(m/s)^2, N m/(rad/s)^2]."""
         Q = ca.SX(6, 6)
         sizes: dict[tuple[int, int], ca.SX | float] = {}
-        for k, (i, j) in enumerate(self.couplings, start=len(self.own)):
+        for k, (i, j) in enumerate(self.couplings, start=len(self.diagonal)):
             Q[i, j] = x[k] * self._unit(i, j)
             sizes[i, j] = _magnitude(x[k])
         needed = self._needed_diagonal(sizes)
-        for k, i in enumerate(self.own):
+        for k, i in enumerate(self.diagonal):
             Q[i, i] = self.scale[i] * ca.exp(x[k]) + needed[i]
         return Q
 
@@ -269,7 +269,7 @@ class QuadraticDrag:
         Q = np.asarray(value, dtype=float)
         coupled = {(i, j): Q[i, j] / self._unit(i, j) for i, j in self.couplings}
         needed = self._needed_diagonal({pair: float(_magnitude(x)) for pair, x in coupled.items()})
-        remaining = np.array([(Q[i, i] - needed[i]) / self.scale[i] for i in self.own])
+        remaining = np.array([(Q[i, i] - needed[i]) / self.scale[i] for i in self.diagonal])
         diagonal = np.log(positive(remaining, "drag left for the diagonal"))
         return np.concatenate([diagonal, list(coupled.values())])
 

@@ -92,7 +92,7 @@ class ExperimentTask:
     @property
     def unknowns(self) -> np.ndarray:
         """(n_p,) [as `Unknowns.start`] shared ones, then those of the recording."""
-        return np.concatenate([self.vehicle.shared.start, self.vehicle.own.start])
+        return np.concatenate([self.vehicle.shared.start, self.vehicle.per_recording.start])
 
     @property
     def still(self) -> np.ndarray:
@@ -107,8 +107,8 @@ class ExperimentTask:
         """
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
         by_shared = slopes[_places_of(self.matter, names)]
-        by_recording = np.zeros((len(by_shared), len(self.vehicle.own.start)))
-        priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
+        by_recording = np.zeros((len(by_shared), len(self.vehicle.per_recording.start)))
+        priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.per_recording.sigma])
         information = np.diag(1.0 / priors**2)
         if self.prior_information is not None:
             information = self.prior_information + information

@@ -92,12 +92,12 @@ def rolled_out(
     stretch: Segment,
     start: SegmentStart,
     shared: np.ndarray,
-    own_unknowns: np.ndarray,
+    per_recording: np.ndarray,
 ) -> Predicted:
-    """Simulate a stretch from its start, with unknowns shared (n,) and own_unknowns (m,) of the
-    recording [as `Unknowns.start`].
+    """Simulate a stretch from its start, with unknowns shared (n,) of all recordings and per_recording
+    (m,) of this one [as `Unknowns.start`].
     """
-    (outputs,) = rollout.predict([stretch], [start], np.concatenate([shared, own_unknowns])[None])
+    (outputs,) = rollout.predict([stretch], [start], np.concatenate([shared, per_recording])[None])
     return Predicted(t=stretch.t, rows=outputs.rows, measured=stretch.measured)
 
 
@@ -113,8 +113,10 @@ class Predictor:
     """Noise with which starts are fitted."""
     start_window: float = 2.0
     """[s] length of the beginning of a stretch to which its start is fitted."""
-    own: bool = False
-    """True to fit there, too, the unknowns of the recording alone; else they stay as declared."""
+    fits_per_recording: bool = False
+    """True to fit the unknowns that a recording has for itself there, too; else they stay as
+    declared.
+    """
 
     def of(self, stretch: Segment) -> Predicted:
         """Predict a whole stretch."""
@@ -122,8 +124,10 @@ class Predictor:
             self.vehicle, [stretch.first(self.start_window)], self.noise, self.rollout
         )
         estimate = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=_ITERATIONS)
-        own_unknowns = estimate.own[stretch.recording] if self.own else self.vehicle.own.start
-        return rolled_out(self.rollout, stretch, estimate.starts[0], self.shared, own_unknowns)
+        per_recording = self.vehicle.per_recording.start
+        if self.fits_per_recording:
+            per_recording = estimate.per_recording[stretch.recording]
+        return rolled_out(self.rollout, stretch, estimate.starts[0], self.shared, per_recording)
 
     def over(self, prepared: PreparedRecording, step: float, horizon: float) -> Predicted:
         """Predict a recording horizon by horizon [s], in steps of `step` [s], each from the
@@ -213,7 +217,7 @@ def search_fit(
 
 def _some(stretches: Sequence[Segment], thinning: int) -> Sequence[Segment]:
     """Draw one of `thinning` minutes by lot, and return the segments that lie in them, as
-    recordings of their own; with `thinning` 1 return all segments as they are.
+    separate recordings; with `thinning` 1 return all segments as they are.
     """
     if thinning == 1:
         return stretches
@@ -295,10 +299,10 @@ class FitContext:
         """
         predictions = defaultdict[str, list[Predicted]](list)
         shared = self.estimate.shared
-        own_unknowns = self.estimate.own
+        per_recording = self.estimate.per_recording
         for segment, start in zip(self.stretches, self.estimate.starts, strict=True):
             predictions[segment.recording].append(
-                rolled_out(self.rollout, segment, start, shared, own_unknowns[segment.recording])
+                rolled_out(self.rollout, segment, start, shared, per_recording[segment.recording])
             )
         return {name: Predicted.joined(parts) for name, parts in predictions.items()}
 
@@ -337,9 +341,11 @@ class FitContext:
             outliers=self.noise.outliers / root,
         )
         prior_means = shared - (shared - self.vehicle.shared.start) / inflation
-        own_unknowns = self.vehicle.own.believed(self.vehicle.own.start, root)
+        per_recording = self.vehicle.per_recording.believed(self.vehicle.per_recording.start, root)
         vehicle = replace(
-            self.vehicle, shared=self.vehicle.shared.believed(prior_means), own=own_unknowns
+            self.vehicle,
+            shared=self.vehicle.shared.believed(prior_means),
+            per_recording=per_recording,
         )
         return replace(self, vehicle=vehicle, noise=noise)
 
@@ -356,13 +362,13 @@ def constant_slopes(
     quantities = dict(fitted.vehicle.shared.declaration.quantities)
     for name in constants:
         all_free = np.ones_like(quantities[name].free)
-        quantities[name] = replace(quantities[name], free=all_free, own=False)
+        quantities[name] = replace(quantities[name], free=all_free, per_recording=False)
     all_unknowns = Unknowns(Declaration(quantities=quantities))
     learnt = np.isin(all_unknowns.names, unknowns.names)
     point = all_unknowns.start
     point[learnt] = fitted.estimate.shared
-    own_unknowns = Unknowns(all_unknowns.declaration, own=True)
-    vehicle = replace(fitted.vehicle, shared=all_unknowns, own=own_unknowns)
+    per_recording = Unknowns(all_unknowns.declaration, per_recording=True)
+    vehicle = replace(fitted.vehicle, shared=all_unknowns, per_recording=per_recording)
     rollout = Rollout(stage_of(vehicle, sharp=True))
     problem = replace(fitted, vehicle=vehicle, rollout=rollout).problem()
     start = problem.resumed(replace(fitted.estimate, shared=point))

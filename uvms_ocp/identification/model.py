@@ -72,23 +72,23 @@ class Vehicle:
     dynamics: SymbolicDynamics
     shared: Unknowns
     """Unknowns of all recordings."""
-    own: Unknowns
+    per_recording: Unknowns
     """Unknowns that each recording has for itself."""
     actuators: ActuatorModel
     link: int = 0
-    """Place of the vehicle's own link in ``dynamics.links``."""
+    """Index of the vehicle's link in ``dynamics.links``."""
     axes: tuple[int, ...] = tuple(range(N_V))
     """Places of the axes that it moves along; along the others it is held at rest."""
 
     @property
     def n_p(self) -> int:
         """Number of unknowns."""
-        return len(self.shared.start) + len(self.own.start)
+        return len(self.shared.start) + len(self.per_recording.start)
 
     def values(self, p: ca.SX) -> dict[str, ca.SX]:
         """Return all quantities at the unknowns p (n_p,), the shared ones first."""
         n = len(self.shared.start)
-        return self.shared.values(p[:n]) | self.own.values(p[n:])
+        return self.shared.values(p[:n]) | self.per_recording.values(p[n:])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

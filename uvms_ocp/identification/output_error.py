@@ -98,18 +98,18 @@ class NormalEquations:
         )
         H = self.H - self.cross.T @ solved[:, :-1]
         g = self.g - self.cross.T @ solved[:, -1]
-        own_block = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
-        solved_own = np.linalg.solve(own_block, np.column_stack([H[n:, :n], g[n:]]))
+        H_recording = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
+        solved_recording = np.linalg.solve(H_recording, np.column_stack([H[n:, :n], g[n:]]))
 
         def eliminated(change: np.ndarray) -> np.ndarray:
             """Compute changes (m + 9 l,) of the other unknowns from the change (n,) of the shared
             ones.
             """
-            own_change = -solved_own @ np.r_[change, 1.0]
-            return np.r_[own_change, -solved @ np.r_[change, own_change, 1.0]]
+            recording_change = -solved_recording @ np.r_[change, 1.0]
+            return np.r_[recording_change, -solved @ np.r_[change, recording_change, 1.0]]
 
-        H_shared = H[:n, :n] - H[:n, n:] @ solved_own[:, :-1]
-        g_shared = g[:n] - H[:n, n:] @ solved_own[:, -1]
+        H_shared = H[:n, :n] - H[:n, n:] @ solved_recording[:, :-1]
+        g_shared = g[:n] - H[:n, n:] @ solved_recording[:, -1]
         return H_shared, g_shared, eliminated
 
 
@@ -134,8 +134,8 @@ class SearchPoint:
 
     shared: np.ndarray
     """(n,) [as `Unknowns.start`] unknowns of all recordings."""
-    own: tuple[np.ndarray, ...]
-    """(m,) [as `Unknowns.start`] unknowns of each recording alone."""
+    per_recording: tuple[np.ndarray, ...]
+    """(m,) [as `Unknowns.start`] of each recording: unknowns that it has for itself."""
     starts: tuple[tuple[SegmentStart, ...], ...]
     """Starts of the segments of each recording."""
 
@@ -242,8 +242,8 @@ class Estimate:
 
     shared: np.ndarray
     """(n,) [as `Unknowns.start`] unknowns of all recordings."""
-    own: Mapping[str, np.ndarray]
-    """(m,) [as `Unknowns.start`] unknowns of each recording alone, by its name."""
+    per_recording: Mapping[str, np.ndarray]
+    """(m,) [as `Unknowns.start`] unknowns that a recording has for itself, by its name."""
     starts: tuple[SegmentStart, ...]
     """Starts of the segments."""
     cost: float
@@ -279,7 +279,7 @@ class OutputErrorProblem:
             tuple(group) for _, group in groupby(stretches, key=lambda segment: segment.recording)
         ]
         self._n = len(vehicle.shared.start)
-        self._m = len(vehicle.own.start)
+        self._m = len(vehicle.per_recording.start)
         self._sigma = noise.velocity, noise.rate, noise.vertical
         self.progress: Callable[[str], None] = lambda _: None  # gets a line before each step
 
@@ -288,22 +288,26 @@ class OutputErrorProblem:
         segments begin as measured.
         """
         begins = tuple(tuple(map(_measured_start, group)) for group in self._recordings)
-        own_unknowns = tuple(self._vehicle.own.start for _ in self._recordings)
+        per_recording = tuple(self._vehicle.per_recording.start for _ in self._recordings)
         return SearchPoint(
             shared=self._vehicle.shared.start if shared is None else shared,
-            own=own_unknowns,
+            per_recording=per_recording,
             starts=begins,
         )
 
     def resumed(self, estimate: Estimate) -> SearchPoint:
         """Return the iterate at which an estimate from the same segments ended."""
-        own_unknowns = tuple(estimate.own[group[0].recording] for group in self._recordings)
+        per_recording = tuple(
+            estimate.per_recording[group[0].recording] for group in self._recordings
+        )
         begins = []
         first = 0
         for group in self._recordings:
             begins.append(estimate.starts[first : first + len(group)])
             first += len(group)
-        return SearchPoint(shared=estimate.shared, own=own_unknowns, starts=tuple(begins))
+        return SearchPoint(
+            shared=estimate.shared, per_recording=per_recording, starts=tuple(begins)
+        )
 
     def stepped(
         self, point: SearchPoint, blocks: list[NormalEquations] | None = None
@@ -430,17 +434,17 @@ class OutputErrorProblem:
         bounds = self._vehicle.shared
         shared = np.clip(point.shared + np.clip(change, -1.0, 1.0), bounds.lower, bounds.upper)
         change = shared - point.shared
-        own_unknowns = []
+        per_recording = []
         starts = []
         for k, elimination in enumerate(eliminations):
             local = elimination(change)
-            own_unknowns.append(point.own[k] + local[: self._m])
+            per_recording.append(point.per_recording[k] + local[: self._m])
             start_changes = np.clip(local[self._m :].reshape(-1, N_START), -0.5, 0.5)
             moved = []
             for start, start_change in zip(point.starts[k], start_changes, strict=True):
                 moved.append(start.moved(start_change))
             starts.append(tuple(moved))
-        return SearchPoint(shared=shared, own=tuple(own_unknowns), starts=tuple(starts))
+        return SearchPoint(shared=shared, per_recording=tuple(per_recording), starts=tuple(starts))
 
     def _reduced(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float
@@ -473,7 +477,7 @@ class OutputErrorProblem:
         names = [group[0].recording for group in self._recordings]
         return Estimate(
             shared=point.shared,
-            own=dict(zip(names, point.own, strict=True)),
+            per_recording=dict(zip(names, point.per_recording, strict=True)),
             starts=tuple(chain.from_iterable(point.starts)),
             cost=self._total(point, [block.cost for block in blocks]),
             information=self._reduced(point, informative, 0.0)[0],
@@ -511,7 +515,7 @@ class OutputErrorProblem:
             size = max(1, _MOST_STEPS // n)
             for first in range(0, len(places), size):
                 chosen = places[first : first + size]
-                unknowns = [np.r_[point.shared, point.own[flat[i][0]]] for i in chosen]
+                unknowns = [np.r_[point.shared, point.per_recording[flat[i][0]]] for i in chosen]
                 p = np.array(unknowns)
                 parts = [flat[i][1] for i in chosen]
                 starts = [flat[i][2] for i in chosen]
@@ -552,9 +556,10 @@ class OutputErrorProblem:
             difference(_measured_start(segment), start) / self._noise.start
             for segment, start in zip(self._recordings[k], point.starts[k], strict=True)
         ]
-        own_offset = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
+        priors = self._vehicle.per_recording
+        deviations = (point.per_recording[k] - priors.start) / priors.sigma
         squares = sum(residual @ residual for residual in residuals)
-        return residuals, float(squares + own_offset @ own_offset) / 2
+        return residuals, float(squares + deviations @ deviations) / 2
 
     def _gaps(
         self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]
@@ -578,7 +583,7 @@ class OutputErrorProblem:
         n = self._n
         size = self._n + self._m
         slope_back = -1.0 / self._noise.process
-        weight = 1.0 / self._vehicle.own.sigma**2
+        weight = 1.0 / self._vehicle.per_recording.sigma**2
         start_residuals = self._beginnings(k, point)[0]
         # Of each segment: with itself, and of its start with the next one.
         hessians = np.array([prediction.H for prediction in outputs])
@@ -604,7 +609,9 @@ class OutputErrorProblem:
         return NormalEquations(
             cost=self._cost(k, point, outputs),
             H=np.diag(np.r_[np.zeros(n), weight]) + hessians[:, :size, :size].sum(axis=0),
-            g=np.r_[np.zeros(n), weight * (point.own[k] - self._vehicle.own.start)]
+            g=np.r_[
+                np.zeros(n), weight * (point.per_recording[k] - self._vehicle.per_recording.start)
+            ]
             + gradients[:, :size].sum(axis=0),
             H_starts=np.take_along_axis(band, rows, axis=0).reshape(2 * N_START, -1),
             g_starts=gradients[:, size:].ravel(),

@@ -112,8 +112,8 @@ class Quantity:
     """(n,) [as x] lower bounds."""
     upper: np.ndarray
     """(n,) [as x] upper bounds."""
-    own: bool = False
-    """True where every recording has its own."""
+    per_recording: bool = False
+    """True where each recording has a value for itself, such as of its current."""
     begin: np.ndarray | None = None
     """(n,) [as x] where a search begins, in place of x: from the edge of an interval none leads
     away.
@@ -126,7 +126,11 @@ class Quantity:
 
     @staticmethod
     def fixed(
-        unit: str, coordinates: QuantityCoordinates, value: np.ndarray, *, own: bool = False
+        unit: str,
+        coordinates: QuantityCoordinates,
+        value: np.ndarray,
+        *,
+        per_recording: bool = False,
     ) -> Quantity:
         """Make a quantity fixed at value (...) [unit of the quantity].
 
@@ -139,7 +143,7 @@ class Quantity:
             coordinates=coordinates,
             x=x,
             free=np.zeros(len(x), dtype=bool),
-            own=own,
+            per_recording=per_recording,
             sigma=unlimited,
             lower=-unlimited,
             upper=unlimited,
@@ -231,8 +235,8 @@ class Unknowns:
     """
 
     declaration: Declaration
-    own: bool = False
-    """True for those that each recording has for itself."""
+    per_recording: bool = False
+    """True for kappa, the unknowns that each recording has for itself."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -285,7 +289,7 @@ class Unknowns:
         quantities = dict(moved.declaration.quantities)
         for name, quantity in moved._items():
             quantities[name] = replace(quantity, sigma=wider * quantity.sigma)
-        return Unknowns(Declaration(quantities=quantities), self.own)
+        return Unknowns(Declaration(quantities=quantities), self.per_recording)
 
     def held(self, which: np.ndarray) -> Unknowns:
         """Return a copy that holds the unknowns of a mask which (n,) [bool] where they start."""
@@ -301,7 +305,7 @@ class Unknowns:
             changed[quantity.free] = values[first : first + n_free]
             quantities[name] = replace(quantity, **{column: changed})
             first += n_free
-        return Unknowns(Declaration(quantities=quantities), self.own)
+        return Unknowns(Declaration(quantities=quantities), self.per_recording)
 
     def _free(self, column: str) -> np.ndarray:
         """Return a column of all unknowns in a row."""
@@ -309,9 +313,9 @@ class Unknowns:
         return np.concatenate([np.zeros(0), *parts])
 
     def _items(self) -> Iterator[tuple[str, Quantity]]:
-        """Yield the quantities of this kind by name: shared, or each recording's own."""
+        """Yield the quantities of this kind by name: shared ones, or those of single recordings."""
         for name, quantity in self.declaration.quantities.items():
-            if quantity.own == self.own:
+            if quantity.per_recording == self.per_recording:
                 yield name, quantity
 
 
@@ -474,7 +478,7 @@ def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
 
 def _sensing(velocity_delay: float) -> dict[str, Quantity]:
     """Declare the sensors; that of attitude and its rate sits in B turned by a rotation vector, to
-    which each recording adds its own.
+    which each recording adds an offset.
 
     A recording has for itself, too, its current, a force that nobody knows, and the bias of its
     gyro.
@@ -483,10 +487,14 @@ def _sensing(velocity_delay: float) -> dict[str, Quantity]:
         "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
         "velocity_delay": _delay(velocity_delay, begin=max(velocity_delay, _VELOCITY_DELAY)),
         "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
-        "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), own=True),
-        "wrench_offset": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6), own=True),
-        "attitude_offset": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3), own=True),
-        "rate_bias": Quantity.fixed("rad/s", Reals(names=_XYZ), np.zeros(3), own=True),
+        "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), per_recording=True),
+        "wrench_offset": Quantity.fixed(
+            "N, N m", Reals(names=AXES), np.zeros(6), per_recording=True
+        ),
+        "attitude_offset": Quantity.fixed(
+            "rad", Reals(names=_XYZ), np.zeros(3), per_recording=True
+        ),
+        "rate_bias": Quantity.fixed("rad/s", Reals(names=_XYZ), np.zeros(3), per_recording=True),
     }
 
 

@@ -45,7 +45,7 @@ class PredictionBounds:
         alone = self.alone[recording.recording.source]
         return {
             TOGETHER: self.together.predictor(),
-            ALONE: _with_own(alone, recording.recording.name),
+            ALONE: _with_fitted_recording(alone, recording.recording.name),
         }
 
     @property
@@ -105,10 +105,10 @@ def _refitted(identified: FitContext, recordings: Sequence[PreparedRecording]) -
     return replace(context, estimate=resumed_search(problem, first, iterations))
 
 
-def _with_own(fitted: FitContext, recording: str) -> Predictor:
+def _with_fitted_recording(fitted: FitContext, recording: str) -> Predictor:
     """Predict with what a recording has for itself as identified, rather than as declared."""
-    unknowns = fitted.vehicle.own
-    held_unknowns = unknowns.believed(fitted.estimate.own[recording]).held(
+    unknowns = fitted.vehicle.per_recording
+    held_unknowns = unknowns.believed(fitted.estimate.per_recording[recording]).held(
         np.ones(len(unknowns.start), dtype=bool)
     )
-    return replace(fitted.predictor(), vehicle=replace(fitted.vehicle, own=held_unknowns))
+    return replace(fitted.predictor(), vehicle=replace(fitted.vehicle, per_recording=held_unknowns))

@@ -46,7 +46,7 @@ def report_text(calibration: Calibration) -> str:
     parts = [
         "# Calibration",
         *_number_table(calibration),
-        *_own(calibration),
+        *_recording_table(calibration),
         *_profiles(calibration),
         *_open(calibration),
         *_held(calibration),
@@ -146,11 +146,11 @@ def _number_table(calibration: Calibration) -> Iterator[str]:
         yield (f"| {number.name} | {columns} | {determined} | {_in_file(calibration, number)} |")
 
 
-def _own(calibration: Calibration) -> Iterator[str]:
+def _recording_table(calibration: Calibration) -> Iterator[str]:
     """Tabulate the numbers that each recording has for itself, such as its current; nothing where
     none are learnt.
     """
-    unknowns = calibration.subject.vehicle.own
+    unknowns = calibration.subject.vehicle.per_recording
     if not unknowns.names:
         return
     headers = []
@@ -160,7 +160,7 @@ def _own(calibration: Calibration) -> Iterator[str]:
     yield report_prose.OWN
     yield "| recording | " + " | ".join(headers) + " |"
     yield "|---" + "|---:" * len(headers) + "|"
-    for name, values in calibration.estimate.own.items():
+    for name, values in calibration.estimate.per_recording.items():
         yield f"| {name} | {' | '.join(f'{value:.3g}' for value in values)} |"
 
 

@@ -29,7 +29,7 @@ def check_settings(
     """Yield doubts about a recording and settings together: what a fit would take for something
     else.
     """
-    quantities = subject.vehicle.own.declaration.quantities
+    quantities = subject.vehicle.per_recording.declaration.quantities
     channels = recording.channels
     if "current" in channels:
         yield from _of_current(channels["current"], learnt=bool(quantities["current"].free.all()))
@@ -70,7 +70,7 @@ def require_current(subject: CalibratedRobot, recording: Recording) -> None:
     Such a fit converges where its numbers are wrong by many of their standard errors.
     """
     current = recording.channels.get("current")
-    free = subject.vehicle.own.declaration.quantities["current"].free
+    free = subject.vehicle.per_recording.declaration.quantities["current"].free
     if current is None or free.any():
         return
     size = float(np.linalg.norm(current.values.mean(axis=0)))  # [m/s]

@@ -272,7 +272,7 @@ class StaticBalance:
         n_j = vehicle.dynamics.model.nq - N_Q
         shared = ca.SX.sym("shared", len(vehicle.shared.start))
         joints = ca.SX.sym("joints", n_j)
-        values = vehicle.values(ca.vertcat(shared, ca.DM(vehicle.own.start)))
+        values = vehicle.values(ca.vertcat(shared, ca.DM(vehicle.per_recording.start)))
         dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
         poses = [ca.vertcat(ca.DM.zeros(3), ca.DM(turn), joints) for turn in _UPRIGHT]
         g = float(np.linalg.norm(vehicle.dynamics.model.gravity.linear))
