@@ -18,7 +18,6 @@ from recording.report import Report, Row, Table, begin, parser_of
 from recording.rows import column
 
 from uvms_ocp.identification.experiment_design import (
-    BY_HAND,
     HALF,
     DesignSettings,
     DesignStatus,
@@ -28,15 +27,17 @@ from uvms_ocp.identification.experiment_design import (
     largest,
 )
 from uvms_ocp.identification.fit import Search, search_fit
-from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.uncertainty import (
+from uvms_ocp.identification.identified_numbers import (
     DETERMINED_BELOW,
     TOTAL,
     IdentifiedNumber,
     numbers,
     values_of,
 )
+from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.motions_by_hand import BY_HAND
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 
 DURATION = 60.0
 """[s] Duration of a recording."""

@@ -20,14 +20,21 @@ from recording.report import Report, Row, Table, begin, parser_of
 from recording.rows import column, rows_where
 
 from uvms_ocp.identification.calibration_robot import calibrated_robot, with_delays
-from uvms_ocp.identification.fit import FitContext, Predicted, Search
+from uvms_ocp.identification.fit import FitContext, Search
 from uvms_ocp.identification.held_constants import held_constants
+from uvms_ocp.identification.identified_numbers import (
+    INTERVAL,
+    numbers,
+    numbers_at,
+)
 from uvms_ocp.identification.model import StageFunctions, Vehicle, stage_of
 from uvms_ocp.identification.parameters import Free, ParameterStatus, Prior
+from uvms_ocp.identification.predictor import Predicted
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.identification.settings import CalibrationSettings
-from uvms_ocp.identification.uncertainty import INTERVAL, numbers, numbers_at, variance_inflation
+from uvms_ocp.identification.whiteness import variance_inflation
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 
 ROBOTS = 40

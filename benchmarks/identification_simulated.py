@@ -25,9 +25,7 @@ from uvms_ocp.identification.experiment_design import (
     simulate_commands,
 )
 from uvms_ocp.identification.fit import Search, search_fit
-from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.uncertainty import (
+from uvms_ocp.identification.identified_numbers import (
     DETERMINED_BELOW,
     INTERVAL,
     SIZES,
@@ -35,6 +33,9 @@ from uvms_ocp.identification.uncertainty import (
     numbers,
     values_of,
 )
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 
 ROBOTS = 20
 RECORDINGS = 5  # of each robot

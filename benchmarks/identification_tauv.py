@@ -20,14 +20,24 @@ from recording.report import Report, Row, Table, begin, parser_of
 from recording.rows import column, known_values, rows_where
 
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.fit import Predicted, Predictor, fit_percent, rolled_out
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.prediction_verdict import FitShares
-from uvms_ocp.identification.rollout import RATE_WINDOW, PreparedRecording, Rollout, Segment
+from uvms_ocp.identification.predictor import (
+    Predicted,
+    Predictor,
+    fit_percent,
+    rolled_out,
+)
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import (
+    RATE_WINDOW,
+    PreparedRecording,
+    Segment,
+)
+from uvms_ocp.identification.static_baselines import static_baseline
 from uvms_ocp.identification.still_comparison import MEAN, NOTHING_MOVES, compared
-from uvms_ocp.identification.validation import static_baseline
 
 STEP = 0.1
 HORIZONS = (5.0, 20.0)
@@ -122,7 +132,7 @@ class Bench:
         for duration, iterations in stages:
             stretches = list[Segment]()
             for prepared in chosen:
-                stretches += prepared.stretches(STEP, duration)
+                stretches += prepared.segments(STEP, duration)
             error = OutputErrorProblem(self.vehicle, stretches, NOISE, self.rollout)
             estimate = error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
             shared = estimate.shared
@@ -173,7 +183,7 @@ def one_vehicle(steady: Bench, shared: np.ndarray, kind: str) -> list[Row]:
     predictor = steady.predictor(shared)
     rows = []
     for prepared in steady.prepared:
-        whole = prepared.stretches(STEP)[0]
+        whole = prepared.segments(STEP)[0]
         rows.append(row(prepared.recording.name, kind, predictor.of(whole)))
     return rows
 
@@ -246,7 +256,7 @@ def left_out(
     for prepared in drifting.prepared:
         training = [candidate for candidate in drifting.prepared if candidate is not prepared]
         shared = drifting.trained(training, None, stages).shared
-        (whole,) = prepared.stretches(STEP)
+        (whole,) = prepared.segments(STEP)
         rows.append(row(prepared.recording.name, ALL, steady.predictor(shared).of(whole)))
         rows += _by_horizon(prepared, steady.predictor(shared), "")
         rows += _by_horizon(prepared, drifting.predictor(shared), f", {FORCE}")
@@ -302,7 +312,7 @@ def in_sample(drifting: Bench, estimate: Estimate, kind: str) -> list[Row]:
     rows = []
     for k, prepared in enumerate(drifting.prepared):
         name = prepared.recording.name
-        (whole,) = prepared.stretches(STEP)
+        (whole,) = prepared.segments(STEP)
         predicted = rolled_out(
             drifting.rollout,
             whole,
@@ -320,7 +330,7 @@ def nulls(steady: Bench) -> list[Row]:
     prior = steady.predictor(steady.vehicle.shared.start)
     for prepared in steady.prepared:
         name = prepared.recording.name
-        (whole,) = prepared.stretches(STEP)
+        (whole,) = prepared.segments(STEP)
         rows.append(row(name, PRIOR, prior.of(whole)))
         rows.append(row(name, STILL, static_baseline(whole, prior.start_window)))
     return rows

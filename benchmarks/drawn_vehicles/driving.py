@@ -8,19 +8,22 @@ import numpy as np
 from scipy.special import ndtri
 
 from uvms_ocp import load_robot, without_arm
-from uvms_ocp.identification.experiment import ExperimentLimits
+from uvms_ocp.identification.experiment_limits import ExperimentLimits
 from uvms_ocp.identification.model import PAST, StageFunctions, Vehicle
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import (
-    ActuatorModel,
     Free,
-    NominalParameters,
     ParameterStatus,
     Prior,
     Unknowns,
+)
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import ZeroOrderHold
+from uvms_ocp.identification.vehicle_declaration import (
+    ActuatorModel,
+    NominalParameters,
     vehicle_declaration,
 )
-from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.thrusters import thruster_matrix
 

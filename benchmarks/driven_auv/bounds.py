@@ -10,9 +10,14 @@ import numpy as np
 
 from driven_auv.recordings import CHANNELS, MOVING, judged
 from driven_auv.vehicle import ACTUATORS
-from uvms_ocp.identification.fit import Predicted, fit_percent
-from uvms_ocp.identification.recording import GRID, Recording, rotations, smoothed
-from uvms_ocp.identification.rollout import PreparedRecording
+from uvms_ocp.identification.predictor import Predicted, fit_percent
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.resampling import (
+    GRID,
+    rotations,
+    smoothed,
+)
+from uvms_ocp.identification.segments import PreparedRecording
 
 WINDOW = 1.0
 """[s] of the local quadratics that differentiate position."""
@@ -71,7 +76,7 @@ def n_coefficients() -> int:
 
 def _part(prepared: PreparedRecording, name: str, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Regressors (m, n) and what was measured (m,)."""
-    (whole,) = prepared.stretches(step)
+    (whole,) = prepared.segments(step)
     repeated = Predicted(t=whole.t, rows=whole.measured, measured=whole.measured)
     measured = judged(repeated)[name][0]
     t = whole.t[1 if name == CHANNELS[3] else 0]

@@ -8,8 +8,8 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.channel_mapping import RecordingMapping
-from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.mapped_recordings import mapped_recording
+from uvms_ocp.identification.predictor import Predicted
 from uvms_ocp.identification.recording import Recording
 
 CHANNELS = ("surge", "sway", "heave", "yaw rate")

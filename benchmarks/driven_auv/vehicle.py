@@ -12,12 +12,14 @@ import pinocchio as pin
 
 from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.parameters import (
-    ActuatorModel,
-    AxisCouplings,
     Declaration,
-    NominalParameters,
     Prior,
     Unknowns,
+)
+from uvms_ocp.identification.vehicle_declaration import (
+    ActuatorModel,
+    AxisCouplings,
+    NominalParameters,
     vehicle_declaration,
 )
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics

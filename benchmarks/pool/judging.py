@@ -11,8 +11,8 @@ from recording.report import Row
 from pool.learnt import STEP, Learner
 from pool.replay import at_times, roll_pitch
 from pool.scores import without_offset
-from uvms_ocp.identification.fit import Predicted
-from uvms_ocp.identification.rollout import PreparedRecording
+from uvms_ocp.identification.predictor import Predicted
+from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.robot.spatial import exp3
 
 ANGLES = ("roll", "pitch")
@@ -60,7 +60,7 @@ def turned_back(
     """Times (m,) [s], and roll and pitch (m, 2) [rad] of B, by a sensor that sits as unknowns
     shared (n,) have it.
     """
-    (whole,) = prepared.stretches(STEP)
+    (whole,) = prepared.segments(STEP)
     values = learner.vehicle.shared.values(ca.SX(ca.DM(shared)))
     turn = np.asarray(ca.DM(exp3(values["attitude_turn"])))
     return whole.t[2], roll_pitch(whole.measured[2] @ turn.T)

@@ -11,17 +11,17 @@ import numpy as np
 
 from pool.sensors import IMU, MOCAP
 from pool.vehicle import pool_dynamics
-from uvms_ocp.identification.fit import Predicted, Predictor
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
-from uvms_ocp.identification.parameters import (
+from uvms_ocp.identification.parameters import Prior, Unknowns
+from uvms_ocp.identification.predictor import Predicted, Predictor
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
+from uvms_ocp.identification.vehicle_declaration import (
     ActuatorModel,
     NominalParameters,
-    Prior,
-    Unknowns,
     vehicle_declaration,
 )
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 
 STEP = 0.04  # [s] of the simulation
 KNOWN = 2.0  # [s] of the beginning, from which a start and the offset of the attitude are found
@@ -58,7 +58,7 @@ class Learner:
         iterations: int = 15,
     ) -> Estimate:
         """Identified on whole recordings."""
-        stretches = [prepared.stretches(STEP)[0] for prepared in chosen]
+        stretches = [prepared.segments(STEP)[0] for prepared in chosen]
         error = OutputErrorProblem(self.vehicle, stretches, self.noise, self.rollout)
         return error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
 
@@ -72,7 +72,7 @@ class Learner:
             start_window=KNOWN,
             fits_per_recording=True,
         )
-        return predictor.of(prepared.stretches(STEP)[0])
+        return predictor.of(prepared.segments(STEP)[0])
 
 
 def pool_learner(noise: Noise) -> Learner:

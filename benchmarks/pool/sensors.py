@@ -10,7 +10,8 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.mapped_recordings import mapped_recording
-from uvms_ocp.identification.recording import Channel, Recording, rotations, smoothed
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import rotations, smoothed
 
 IMU = "IMU"
 MOCAP = "motion capture"

@@ -10,8 +10,9 @@ from recording.report import Row
 
 from pool.findings import swing_in
 from pool.judging import ANGLES, angles
-from uvms_ocp.identification.fit import Predicted
-from uvms_ocp.identification.recording import Recording, smoothed
+from uvms_ocp.identification.predictor import Predicted
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.resampling import smoothed
 
 _REST = 0.05  # [rad/s] below which the arm rests
 _WINDOW = 0.4  # [s] over which the motion of the arm is smoothed

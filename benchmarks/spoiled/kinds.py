@@ -15,13 +15,9 @@ import numpy as np
 from spoiled.sound import DURATION
 from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.mapped_recordings import mapped_recording
-from uvms_ocp.identification.recording import (
-    Channel,
-    Recording,
-    interpolated,
-    rotations,
-    split_at_gaps,
-)
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.recording_gaps import split_at_gaps
+from uvms_ocp.identification.resampling import interpolated, rotations
 from uvms_ocp.identification.tables import write_columns
 
 Rng = np.random.Generator

@@ -12,7 +12,12 @@ from drawn_vehicles.driving import LEARNT, drawn, recorded, vehicle
 from uvms_ocp.identification.gravity_checks import G
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.parameters import Prior
-from uvms_ocp.identification.recording import Channel, Recording, interpolated, rotations, smoothed
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import (
+    interpolated,
+    rotations,
+    smoothed,
+)
 from uvms_ocp.identification.series_agreement import WINDOW
 
 DURATION = 60.0  # [s] of a recording

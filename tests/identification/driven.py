@@ -9,14 +9,13 @@ import pinocchio as pin
 from vehicles import HULL, vehicle
 
 from uvms_ocp.identification.model import PAST, StageFunctions, Vehicle
-from uvms_ocp.identification.parameters import (
+from uvms_ocp.identification.parameters import Declaration, Unknowns
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.vehicle_declaration import (
     ActuatorModel,
-    Declaration,
     NominalParameters,
-    Unknowns,
     vehicle_declaration,
 )
-from uvms_ocp.identification.recording import Channel, Recording
 
 ACTUATORS = ActuatorModel(dead_zone=0.3, lag=0.15, delay=0.2)
 FINE = 0.01  # [s]

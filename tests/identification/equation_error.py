@@ -18,8 +18,8 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.model import PAST, PAST_STEP, Vehicle, stage_of
 from uvms_ocp.identification.parameters import AXES
-from uvms_ocp.identification.recording import smoothed
-from uvms_ocp.identification.rollout import PreparedRecording
+from uvms_ocp.identification.resampling import smoothed
+from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics, WaterCoefficients
 from uvms_ocp.robot.symbolic_model import function

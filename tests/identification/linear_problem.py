@@ -14,15 +14,16 @@ from uvms_ocp.identification.fit import FitContext, Search
 from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import FitStatus, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
-from uvms_ocp.identification.recording import Channel, ZeroOrderHold
+from uvms_ocp.identification.recording import Channel
+from uvms_ocp.identification.resampling import ZeroOrderHold
 from uvms_ocp.identification.rollout import (
     N_START,
     PredictedOutputs,
     Rollout,
-    Segment,
     SegmentStart,
     Weights,
 )
+from uvms_ocp.identification.segments import Segment
 
 NOISE = Noise(velocity=0.1, rate=0.1, vertical=0.1, outliers=1e6)
 
@@ -65,7 +66,7 @@ class _One:
 
     stretch: Segment
 
-    def stretches(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
+    def segments(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
         return (self.stretch,)
 
 

@@ -13,7 +13,8 @@ from uvms_ocp.identification.advice import advice
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.identification.uncertainty import UnidentifiableDirection, unidentifiable_directions
 
 
@@ -40,7 +41,7 @@ def left(size: Sequence[float]) -> tuple[UnidentifiableDirection, ...]:
         size=size,
     )
     error = OutputErrorProblem(
-        auv, PreparedRecording.of(recording, auv).stretches(0.1, 10.0), Noise(), rollout
+        auv, PreparedRecording.of(recording, auv).segments(0.1, 10.0), Noise(), rollout
     )
     return unidentifiable_directions(auv, error.solve(error.start(), iterations=3))
 

@@ -10,20 +10,24 @@ import numpy as np
 import pytest
 from driven import SIZE, drive, known, vehicle_of
 
-from uvms_ocp.identification.fit import Predicted, Predictor, fit_percent
+from uvms_ocp.identification.identified_numbers import numbers
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
+from uvms_ocp.identification.predictor import (
+    Predicted,
+    Predictor,
+    fit_percent,
+)
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.identification.uncertainty import (
     DETERMINED,
-    bartlett,
-    numbers,
     standard_errors,
     unidentifiable_directions,
-    variance_inflation,
 )
+from uvms_ocp.identification.whiteness import bartlett, variance_inflation
 
 LEARNT = {
     "mass": Free(),
@@ -54,16 +58,14 @@ def predictor() -> Predictor:
 def estimate(*given: Recording) -> Estimate:
     auv, rollout = problem()
     stretches = [
-        stretch
-        for each in given
-        for stretch in PreparedRecording.of(each, auv).stretches(0.1, 10.0)
+        stretch for each in given for stretch in PreparedRecording.of(each, auv).segments(0.1, 10.0)
     ]
     error = OutputErrorProblem(auv, stretches, NOISE, rollout)
     return error.solve(error.start())
 
 
 def test_the_true_vehicle_predicts_nearly_all() -> None:
-    (whole,) = PreparedRecording.of(recording(), problem()[0]).stretches(0.05)
+    (whole,) = PreparedRecording.of(recording(), problem()[0]).segments(0.05)
     predicted = predictor().of(whole)
     for axis in range(3):
         assert fit_percent(predicted.measured[0][:, axis], predicted.rows[0][:, axis]) > 90.0
@@ -79,7 +81,7 @@ def test_what_is_seen_later_changes_no_prediction() -> None:
         channels={**honest.channels, "linear_velocity": Channel(t=velocity.t, values=values)},
     )
     rows = [
-        predictor().of(PreparedRecording.of(each, auv).stretches(0.1)[0]).rows[0]
+        predictor().of(PreparedRecording.of(each, auv).segments(0.1)[0]).rows[0]
         for each in (honest, lying)
     ]
     np.testing.assert_array_equal(*rows)
@@ -95,7 +97,7 @@ def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
     found = Predictor(
         vehicle=auv, rollout=rollout, shared=auv.shared.start, noise=NOISE, fits_per_recording=own
     )
-    predicted = found.of(PreparedRecording.of(drifting, auv).stretches(0.05)[0])
+    predicted = found.of(PreparedRecording.of(drifting, auv).segments(0.05)[0])
     assert least < fit_percent(predicted.measured[0][:, 2], predicted.rows[0][:, 2]) < most
 
 

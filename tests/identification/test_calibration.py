@@ -24,18 +24,21 @@ from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.calibration_robot import calibrated_robot, with_delays
-from uvms_ocp.identification.fit import FitContext, Search, constant_slopes
+from uvms_ocp.identification.fit import FitContext, Search
+from uvms_ocp.identification.held_constants import constant_slopes
+from uvms_ocp.identification.identified_numbers import MISSES, numbers
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Noise
-from uvms_ocp.identification.parameters import DELAYS, NominalParameters, Unknowns
+from uvms_ocp.identification.parameters import DELAYS, Unknowns
+from uvms_ocp.identification.prediction_errors import errors
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import report_data, report_text
 from uvms_ocp.identification.robot_variant import variant_text, whole_text
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, read_settings
 from uvms_ocp.identification.tables import write_recording
-from uvms_ocp.identification.uncertainty import MISSES, numbers
-from uvms_ocp.identification.validation import errors
+from uvms_ocp.identification.vehicle_declaration import NominalParameters
 from uvms_ocp.interrupts import Stopped
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import robot_folder
@@ -300,7 +303,7 @@ def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
     }
     fitted = FitContext(
         **known,
-        search=Search(step=settings.step, stretch=settings.stretch),
+        search=Search(step=settings.step, segment_length=settings.stretch),
         estimate=found.estimate,
     )  # type: ignore[arg-type]
     names, slopes = constant_slopes(fitted, ["current"])

@@ -14,7 +14,8 @@ from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.clock_segments import continued
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.mapped_recordings import mapped_recording
-from uvms_ocp.identification.recording import Channel, Recording, split_at_gaps
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.recording_gaps import split_at_gaps
 from uvms_ocp.identification.tables import write_columns
 
 T = np.arange(0.0, 100.0, 0.05)

@@ -16,7 +16,8 @@ from test_doubts import driven, moved, told
 
 from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.mapped_recordings import mapped_recording
-from uvms_ocp.identification.recording import Channel, Recording, rotations
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import rotations
 from uvms_ocp.identification.tables import write_columns
 
 Keys = dict[str, Any]

@@ -17,7 +17,8 @@ from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.gravity_checks import G
 from uvms_ocp.identification.mapped_recordings import mapped_recording
-from uvms_ocp.identification.recording import Channel, Recording, rotations
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import rotations
 from uvms_ocp.identification.tables import write_columns
 
 Change = Callable[[np.ndarray], np.ndarray]

@@ -10,14 +10,16 @@ from vehicles import HULL, declaration, vehicle
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.coordinates import PositiveDefinite, second_moment
 from uvms_ocp.identification.parameters import (
-    ActuatorModel,
     Bounded,
     Fixed,
     Free,
-    NominalParameters,
     Prior,
     Quantity,
     Unknowns,
+)
+from uvms_ocp.identification.vehicle_declaration import (
+    ActuatorModel,
+    NominalParameters,
     vehicle_declaration,
 )
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics

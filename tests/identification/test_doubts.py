@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.recording import Channel, Recording, rotations
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import rotations
 from uvms_ocp.identification.run_recordings import run_recording
 from uvms_ocp.scenario.cases.bluerov import bluerov_inspection
 

@@ -14,7 +14,7 @@ from vehicles import vehicle
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.rollout import PreparedRecording
+from uvms_ocp.identification.segments import PreparedRecording
 
 ASKED = (
     "linear drag surge-surge",

@@ -13,15 +13,7 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.identification.experiment import (
-    ExperimentLimits,
-    KnotCommands,
-    TrajectorySimulator,
-    edges_of,
-    multisine,
-)
 from uvms_ocp.identification.experiment_design import (
-    BY_HAND,
     DesignSettings,
     DesignStatus,
     Excitation,
@@ -32,13 +24,23 @@ from uvms_ocp.identification.experiment_design import (
     largest,
     target_deviations,
 )
+from uvms_ocp.identification.experiment_limits import ExperimentLimits
+from uvms_ocp.identification.identified_numbers import DETERMINED_BELOW
+from uvms_ocp.identification.knot_commands import (
+    KnotCommands,
+    edges_of,
+    multisine,
+)
 from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.motions_by_hand import BY_HAND
 from uvms_ocp.identification.output_error import Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
-from uvms_ocp.identification.recording import Channel, ZeroOrderHold
-from uvms_ocp.identification.rollout import Rollout, Segment
+from uvms_ocp.identification.recording import Channel
+from uvms_ocp.identification.resampling import ZeroOrderHold
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import Segment
 from uvms_ocp.identification.tables import stored_recording
-from uvms_ocp.identification.uncertainty import DETERMINED_BELOW
+from uvms_ocp.identification.trajectory_simulator import TrajectorySimulator
 
 LIMITS = ExperimentLimits(
     thrust=np.outer([20.0, 20.0, 20.0, 2.0, 2.0, 2.0], [-1.0, 1.0]),

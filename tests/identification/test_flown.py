@@ -11,20 +11,18 @@ import numpy as np
 from driven import ACTUATORS, drive, known, vehicle_of
 
 from uvms_ocp.identification.exported_estimate import exported_estimate
-from uvms_ocp.identification.fit import FitContext, Search, constant_slopes, search_fit
+from uvms_ocp.identification.fit import FitContext, Search, search_fit
+from uvms_ocp.identification.held_constants import constant_slopes
+from uvms_ocp.identification.identified_numbers import IdentifiedNumber, numbers
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise
 from uvms_ocp.identification.parameters import Free, Prior
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.uncertainty import (
-    DETERMINED,
-    IdentifiedNumber,
-    numbers,
-    standard_errors,
-)
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
+from uvms_ocp.identification.uncertainty import DETERMINED, standard_errors
 
 NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
-SEARCH = Search(step=0.05, stretch=10.0)
+SEARCH = Search(step=0.05, segment_length=10.0)
 
 
 @cache
@@ -148,7 +146,9 @@ def test_what_a_long_step_does_to_numbers_is_in_their_standard_errors() -> None:
         ),
     )
     fine = Noise(velocity=2e-4, rate=2e-4, vertical=2e-4, process=1e-3, start=1e-3)
-    exact_fit = search_fit(one.vehicle, exact, fine, one.rollout, Search(step=0.2, stretch=6.0))
+    exact_fit = search_fit(
+        one.vehicle, exact, fine, one.rollout, Search(step=0.2, segment_length=6.0)
+    )
     off = np.abs(exact_fit.shared - truth)
     assert (off / standard_errors(one.vehicle, replace(exact_fit, assumed=0.0))).max() > 10.0
     assert (off / standard_errors(one.vehicle, exact_fit)).max() < 3.0

@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration_robot import calibrated_robot
-from uvms_ocp.identification.experiment import ExperimentLimits
 from uvms_ocp.identification.experiment_design import (
     DesignSettings,
     DesignStatus,
     ExperimentTask,
     design_experiment,
 )
+from uvms_ocp.identification.experiment_limits import ExperimentLimits
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.results import excitation_text

@@ -14,30 +14,30 @@ from driven import drive, known, vehicle_of
 from vehicles import vehicle as with_arm
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.fit import FitContext, Predicted, Search
+from uvms_ocp.identification.fit import FitContext, Search
 from uvms_ocp.identification.fit_tables import left_out_tables
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import Free
+from uvms_ocp.identification.prediction_errors import SCORED, errors
+from uvms_ocp.identification.predictor import Predicted
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
+from uvms_ocp.identification.static_baselines import StaticBalance, static_baseline
 from uvms_ocp.identification.validation import (
     BALANCE,
     BEFORE,
     OTHERS,
-    SCORED,
     STATIC,
     HeldOutRecording,
-    StaticBalance,
-    errors,
     leave_one_out,
-    static_baseline,
     without,
 )
 from uvms_ocp.viz.identification_figures import figure_left_out
 
 NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
-SEARCH = Search(step=0.05, stretch=10.0)
+SEARCH = Search(step=0.05, segment_length=10.0)
 UPRIGHT = 998.0 * 0.0205 * np.array([0.01, 0.0, 0.05]) - 20.0 * np.array([0.02, -0.01, -0.03])
 """[kg m] of what the vehicle of the tests displaces, less that of its mass."""
 
@@ -169,7 +169,7 @@ def test_a_recording_alone_cannot_be_left_out() -> None:
 
 
 def test_nothing_moves_says_zero_and_the_vertical_that_was_seen_last() -> None:
-    (whole,) = fitted().prepared[0].stretches(0.05)
+    (whole,) = fitted().prepared[0].segments(0.05)
     resting = static_baseline(whole, 2.0)
     assert not resting.rows[0].any()
     assert not resting.rows[1].any()

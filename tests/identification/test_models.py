@@ -12,7 +12,8 @@ from equation_error import regressor_of
 from vehicles import declaration, vehicle
 
 from uvms_ocp.identification.model import PAST, StageFunctions, Vehicle, stage_of, vehicle_dynamics
-from uvms_ocp.identification.parameters import ActuatorModel, Free, Unknowns
+from uvms_ocp.identification.parameters import Free, Unknowns
+from uvms_ocp.identification.vehicle_declaration import ActuatorModel
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 LEARNT = (

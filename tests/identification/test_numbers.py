@@ -11,11 +11,16 @@ import numpy as np
 import pytest
 from driven import drive, known, vehicle_of
 
+from uvms_ocp.identification.identified_numbers import (
+    IdentifiedNumber,
+    numbers,
+    values_of,
+)
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.uncertainty import IdentifiedNumber, numbers, values_of
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 
 LEARNT = {
     "mass": Prior(sigma=0.3),
@@ -36,7 +41,7 @@ def found() -> tuple[Vehicle, Estimate]:
         noise=0.02,
     )
     error = OutputErrorProblem(
-        auv, PreparedRecording.of(recording, auv).stretches(0.1, 10.0), Noise(), rollout
+        auv, PreparedRecording.of(recording, auv).segments(0.1, 10.0), Noise(), rollout
     )
     return auv, error.solve(error.start())
 

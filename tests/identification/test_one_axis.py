@@ -18,11 +18,11 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.calibration_robot import CalibratedRobot, calibrated_robot
 from uvms_ocp.identification.completed_recordings import along_axes
+from uvms_ocp.identification.identified_numbers import TOTAL
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.results import report_text
 from uvms_ocp.identification.settings import CalibrationSettings
-from uvms_ocp.identification.uncertainty import TOTAL
 
 SETTINGS: dict[str, Any] = {
     "robot": "bluerov2_alpha5",

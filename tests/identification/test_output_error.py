@@ -13,11 +13,11 @@ from driven import drive, known, turned, vehicle_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import rollout as rollouts
 from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.normal_equations import NormalEquations
 from uvms_ocp.identification.output_error import (
     Estimate,
     FitStatus,
     Noise,
-    NormalEquations,
     OutputErrorProblem,
     SearchPoint,
 )
@@ -25,11 +25,10 @@ from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.rollout import (
     N_START,
-    PreparedRecording,
     Rollout,
-    Segment,
     SegmentStart,
 )
+from uvms_ocp.identification.segments import PreparedRecording, Segment
 
 LEARNT = {
     "added_mass": Free(only=("surge", "sway", "heave", "yaw")),
@@ -70,7 +69,7 @@ def recording(seed: int = 0, noise: float = 0.0) -> Recording:
 def stretches(
     given: Recording, duration: float | None = 10.0, step: float = 0.05
 ) -> tuple[Segment, ...]:
-    return PreparedRecording.of(given, problem()[0]).stretches(step, duration)
+    return PreparedRecording.of(given, problem()[0]).segments(step, duration)
 
 
 def fit(*given: Recording, noise: Noise = EXACT, **options: float) -> Estimate:

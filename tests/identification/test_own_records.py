@@ -19,14 +19,14 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import calibrate
 from uvms_ocp.identification.calibration_robot import CalibratedRobot, calibrated_robot
 from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.identified_numbers import IdentifiedNumber, values_of
 from uvms_ocp.identification.reading import read_recording
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.robot_variant import variant_text, whole_text
-from uvms_ocp.identification.rollout import PreparedRecording
 from uvms_ocp.identification.run_recordings import run_recording
+from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.identification.settings_checks import check_settings, require_current
-from uvms_ocp.identification.uncertainty import IdentifiedNumber, values_of
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.series_checks import MEASURED
 from uvms_ocp.robot.description import read_description

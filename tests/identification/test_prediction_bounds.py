@@ -12,7 +12,12 @@ import pytest
 from driven import drive, known, vehicle_of
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.fit import FitContext, Predicted, Search, search_fit
+from uvms_ocp.identification.fit import (
+    FitContext,
+    Search,
+    search_fit,
+)
+from uvms_ocp.identification.identified_numbers import IdentifiedNumber, numbers
 from uvms_ocp.identification.jackknife import disagreed_numbers
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise
@@ -26,9 +31,10 @@ from uvms_ocp.identification.prediction_verdict import (
     PredictionVerdict,
     judge_predictions,
 )
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.predictor import Predicted
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.identification.still_comparison import MEAN, NOTHING_MOVES, worse_than_still
-from uvms_ocp.identification.uncertainty import IdentifiedNumber, numbers, variance_inflation
 from uvms_ocp.identification.validation import (
     OTHERS,
     STATIC,
@@ -36,9 +42,10 @@ from uvms_ocp.identification.validation import (
     leave_one_out,
     predict_others,
 )
+from uvms_ocp.identification.whiteness import variance_inflation
 
 NOISE = Noise(velocity=0.01, rate=0.01, vertical=0.01)
-SEARCH = Search(step=0.05, stretch=10.0)
+SEARCH = Search(step=0.05, segment_length=10.0)
 BALLAST = np.array([0.02, 0.0, 0.0, 0.0])
 """Change of the unknowns that a lead of 0.4 kg makes: of the volume, relative."""
 

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 from linear_problem import NOISE, problem
 
+from uvms_ocp.identification.identified_numbers import (
+    INTERVAL,
+    IdentifiedNumber,
+    number_of,
+    numbers,
+)
 from uvms_ocp.identification.output_error import ProfilePenalty
-from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, number_of, numbers
-from uvms_ocp.identification.validation import profiles
+from uvms_ocp.identification.profiles import profiles
 
 
 def told(inflation: float) -> list[IdentifiedNumber]:

@@ -27,7 +27,12 @@ from uvms_ocp.identification.channel_mapping import read_mapping
 from uvms_ocp.identification.messages import messages as reader
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import read_recording
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, rotations
+from uvms_ocp.identification.recording import (
+    CHANNEL_KINDS,
+    Channel,
+    Recording,
+)
+from uvms_ocp.identification.resampling import rotations
 from uvms_ocp.identification.tables import write_columns, write_recording
 
 GOOD = recorded()

@@ -15,9 +15,8 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.channel_mapping import RecordingMapping, read_mapping
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.mapped_recordings import even_send_times, mapped_recording
-from uvms_ocp.identification.recording import (
-    Channel,
-    Recording,
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import (
     ZeroOrderHold,
     angular_rate,
     rotations,

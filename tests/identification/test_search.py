@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 from driven import drive, known, vehicle_of
 
-from uvms_ocp.identification.fit import Search, _some, resumed_search, search_fit
+from uvms_ocp.identification.fit import Search, _drawn_minutes, resumed_search, search_fit
 from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.normal_equations import NormalEquations
 from uvms_ocp.identification.output_error import (
     FitStatus,
     Noise,
-    NormalEquations,
     OutputErrorProblem,
     SearchPoint,
 )
 from uvms_ocp.identification.parameters import Free
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 
 NOISE = Noise(velocity=0.005, rate=0.005, vertical=0.005, process=0.02, start=0.05)
 
@@ -40,7 +41,7 @@ def test_what_is_twice_as_large_is_found() -> None:
         [name.startswith("added_mass") for name in auv.shared.names], 0.35, 0.7
     )
     prepared = PreparedRecording.of(drive(rollout.stage, truth, seed=4, noise=0.005), auv)
-    fitted = search_fit(auv, [prepared], NOISE, rollout, Search(step=0.025, stretch=15.0))
+    fitted = search_fit(auv, [prepared], NOISE, rollout, Search(step=0.025, segment_length=15.0))
     assert fitted.status is FitStatus.CONVERGED
     np.testing.assert_allclose(fitted.shared, truth, atol=0.08)
 
@@ -65,7 +66,7 @@ def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
     truth = auv.shared.start + 0.1
     error = OutputErrorProblem(
         auv,
-        PreparedRecording.of(drive(rollout.stage, truth, seed=4), auv).stretches(0.05, 15.0),
+        PreparedRecording.of(drive(rollout.stage, truth, seed=4), auv).segments(0.05, 15.0),
         NOISE,
         rollout,
     )
@@ -83,8 +84,8 @@ def test_motions_that_alternate_are_all_among_some_minutes(every: int) -> None:
     auv = vehicle()
     tow = PreparedRecording.of(
         drive(stage_of(auv), auv.shared.start, seed=1, t_end=5.0), auv
-    ).stretches(0.05, 10.0)[0]
-    chosen = _some([replace(tow, recording=f"tow {k}") for k in range(30)], every)
+    ).segments(0.05, 10.0)[0]
+    chosen = _drawn_minutes([replace(tow, recording=f"tow {k}") for k in range(30)], every)
     assert len(chosen) == -(-30 // every)
     kinds = [int(part.recording.split()[1]) % 2 for part in chosen]
     assert min(kinds.count(0), kinds.count(1)) >= len(chosen) // 4
@@ -99,7 +100,7 @@ def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same
     said = list[str]()
     drives = [drive(rollout.stage, truth, seed=seed, t_end=20.0, noise=0.005) for seed in range(3)]
     prepared = [PreparedRecording.of(each, auv) for each in drives]
-    search = Search(step=0.05, stretch=10.0, progress=said.append)
+    search = Search(step=0.05, segment_length=10.0, progress=said.append)
     wanted = search_fit(auv, prepared, NOISE, rollout, search)
     assert not any("of 4" in line for line in said)
     monkeypatch.setattr("uvms_ocp.identification.fit._ENOUGH", 20.0)

@@ -10,11 +10,10 @@ from motions import changed, recorded
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.recording import (
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.recording_gaps import (
     LONGEST_GAP,
     SHORTEST,
-    Channel,
-    Recording,
     split_at_gaps,
 )
 

@@ -7,9 +7,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.output_error import Noise
-from uvms_ocp.identification.uncertainty import CHANNELS, LEVEL, ljung_box, whiteness
+from uvms_ocp.identification.predictor import Predicted
+from uvms_ocp.identification.whiteness import (
+    CHANNELS,
+    LEVEL,
+    ljung_box,
+    whiteness,
+)
 
 SEEDS = 400
 

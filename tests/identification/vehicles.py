@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.identification.parameters import (
+from uvms_ocp.identification.parameters import Declaration
+from uvms_ocp.identification.vehicle_declaration import (
     ActuatorModel,
     AxisCouplings,
-    Declaration,
     NominalParameters,
     vehicle_declaration,
 )

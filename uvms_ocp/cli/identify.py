@@ -37,9 +37,9 @@ from uvms_ocp.identification.recording import (
     CHANNEL_KINDS,
     Channel,
     Recording,
-    split_at_gaps,
     unit_named,
 )
+from uvms_ocp.identification.recording_gaps import split_at_gaps
 from uvms_ocp.identification.results import excitation_text, report_data, report_text
 from uvms_ocp.identification.robot_variant import variant_text, whole_text
 from uvms_ocp.identification.settings import CalibrationSettings, read_settings

@@ -1,4 +1,4 @@
-"""Calibrate a robot: from recordings to all that is known of it after them."""
+"""Calibrate a robot: from recordings to its numbers, their intervals, predictions and doubts."""
 
 from __future__ import annotations
 
@@ -12,17 +12,28 @@ from uvms_ocp.identification.calibration_robot import CalibratedRobot, with_dela
 from uvms_ocp.identification.completed_recordings import along_axes, with_thrust
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.exported_estimate import ExportedEstimate, exported_estimate
-from uvms_ocp.identification.fit import FitContext, Predicted, Search
+from uvms_ocp.identification.fit import FitContext, Search
 from uvms_ocp.identification.held_constants import HeldConstant, held_constants
+from uvms_ocp.identification.identified_numbers import IdentifiedNumber, numbers
 from uvms_ocp.identification.jackknife import DisagreedNumber, disagreed_numbers
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.prediction_bounds import PredictionBounds, fit_bounds
 from uvms_ocp.identification.prediction_text import verdict_words
-from uvms_ocp.identification.recording import Recording, split_at_gaps
-from uvms_ocp.identification.rollout import COMMANDS, PreparedRecording, Rollout
+from uvms_ocp.identification.predictor import Predicted
+from uvms_ocp.identification.profiles import Profile, profiles
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.recording_gaps import split_at_gaps
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import COMMANDS, PreparedRecording
 from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.identification.settings_checks import check_settings, require_current
+from uvms_ocp.identification.static_baselines import StaticBalance, static_baseline
 from uvms_ocp.identification.still_comparison import WorseThanStill, worse_than_still
+from uvms_ocp.identification.whiteness import (
+    Whiteness,
+    variance_inflation,
+    whiteness,
+)
 from uvms_ocp.interrupts import raised_outside_casadi
 from uvms_ocp.progress import progress_bar
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
@@ -43,8 +54,8 @@ class Comparison:
     balance: Predicted
     """Prediction by a vehicle at rest where weight and buoyancy of the calibrated one balance."""
     residuals: Predicted
-    """Stretch by stretch, as the search has left it."""
-    whiteness: tuple[uncertainty.Whiteness, ...]
+    """Residuals of the search, segment by segment."""
+    whiteness: tuple[Whiteness, ...]
     """Whiteness of the residuals."""
 
     @property
@@ -58,34 +69,37 @@ class Calibration(TableDisplay):
     """Result of a calibration of a robot."""
 
     subject: CalibratedRobot
+    """Robot that was calibrated, with the numbers that it began with."""
     estimate: Estimate
+    """Result of the search."""
     exported: ExportedEstimate
     """Estimate that the robot's file gets."""
-    numbers: tuple[uncertainty.IdentifiedNumber, ...]
+    numbers: tuple[IdentifiedNumber, ...]
+    """Numbers of the vehicle that depend on what was learnt."""
     open: tuple[uncertainty.UnidentifiableDirection, ...]
     """Combinations of unknowns that the recordings do not determine."""
     inflation: float
-    """samples that miss alike: intervals are wider by its root than white residuals would have
-    them.
-    """
-    whiteness: tuple[uncertainty.Whiteness, ...]
+    """Number of samples that miss alike: intervals are wider by its root than with white residuals."""
+    whiteness: tuple[Whiteness, ...]
     """Whiteness of the residuals of all recordings."""
     comparisons: tuple[Comparison, ...]
+    """Predictions of the recordings that it was calibrated on."""
     issues: tuple[str, ...]
+    """Doubts about the recordings, each with the name of its recording."""
     constants: tuple[HeldConstant, ...] = ()
     """Constants that the fit held fixed though they are uncertain; none for runs of this toolkit,
     whose constants are known.
     """
-    profiles: tuple[validation.Profile, ...] = ()
+    profiles: tuple[Profile, ...] = ()
     """Profiles of the determined numbers, if asked for."""
     left_out: tuple[validation.HeldOutRecording, ...] = ()
     """Predictions of every recording by a fit to the others, if asked for."""
     left_out_bounds: PredictionBounds | None = None
-    """Vehicles that have seen what is left out, which bound its predictions."""
+    """Fits of vehicles to the recordings that are left out, which bound their predictions."""
     predicted: tuple[validation.HeldOutRecording, ...] = ()
-    """Predictions of other recordings, on which nothing was identified, if any were given."""
+    """Predictions of further recordings, on which nothing was identified, if any were given."""
     predicted_bounds: PredictionBounds | None = None
-    """Vehicles that have seen those, which bound their predictions."""
+    """Fits of vehicles to these further recordings, which bound their predictions."""
 
     @property
     def status(self) -> FitStatus:
@@ -96,11 +110,13 @@ class Calibration(TableDisplay):
 
     @property
     def verdicts(self) -> tuple[str, ...]:
-        """One line on each set of predictions that was asked for: what they are worth."""
-        sets = {"left out": self.left_out, "predicted": self.predicted}
-        return tuple(
-            verdict_words(name, recordings) for name, recordings in sets.items() if recordings
-        )
+        """One line on each set of predictions that was asked for, on what they are worth."""
+        verdicts = []
+        if self.left_out:
+            verdicts.append(verdict_words("left out", self.left_out))
+        if self.predicted:
+            verdicts.append(verdict_words("predicted", self.predicted))
+        return tuple(verdicts)
 
     @property
     def disagreed(self) -> tuple[DisagreedNumber, ...]:
@@ -150,48 +166,37 @@ def calibrate(
     progress: Callable[[str], None] | None = None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
-    """Identify the numbers of a robot; with profiles and leave-one-out, which take longer, if
-    wanted. progress: gets a line at each step, not a bar.
+    """Identify the numbers of a robot from recordings, which are cut at their silences.
 
-    predict: other recordings, on which nothing is identified and which are predicted. bounds: False
-    saves the fits that bound predictions, one to all that are predicted and one to each of them.
-    warn gets every issue before anything is searched. Recordings with silences are cut there.
-    Raises InvalidInput for no recordings, one alone to be left out, equal names, a channel that is
+    profiled, leave_one_out: True for profiles and leave-one-out predictions, which take longer.
+    predict: further recordings, on which nothing is identified and which are predicted. bounds:
+    False saves the fits that bound predictions, one to all that are predicted and one to each of
+    them. progress gets a line at each step, in place of a bar. warn gets every issue before
+    anything is searched. Raises InvalidInput for no recordings, one alone to be left out, equal names, a channel that is
     missing, or a current that is recorded and not learnt.
     """
     recordings = _with_commands(subject, settings, recordings)
     to_predict = _with_commands(subject, settings, predict)
-    names = [recording.name for recording in recordings]
-    all_names = names + [recording.name for recording in to_predict]
-    if not names or len(set(all_names)) < len(all_names):
-        raise InvalidInput(
-            f"recordings {all_names} given; allowed: one at least, each with a name of its own"
-        )
-    if leave_one_out and len({recording.source for recording in recordings}) < 2:
-        raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
+    _require_distinct(recordings, to_predict, leave_one_out=leave_one_out)
     at_once = all(recording.at_once for recording in recordings)
     subject = with_delays(subject, settings, at_once=at_once)
     prepared = _prepared(subject, settings, recordings)
     prepared_to_predict = _prepared(subject, settings, to_predict)
-    issues = []
-    for recording in (*recordings, *to_predict):
-        doubts = [*check_data_quality(recording), *check_settings(subject, settings, recording)]
-        for doubt in doubts:
-            issue = f"{recording.name}: {doubt}"
-            issues.append(issue)
-            warn(issue)
-    vehicle = subject.vehicle
+    issues = _issues(subject, settings, (*recordings, *to_predict), warn)
     noise = Noise(**settings.noise.model_dump())
-    rollout = Rollout(model.stage_of(vehicle, sharp=True))
+    rollout = Rollout(model.stage_of(subject.vehicle, sharp=True))
     with progress_bar(shown=progress is None, bar_format="{elapsed} {desc}") as bar:
         progress = progress or bar.set_description_str
-        search = Search(step=settings.step, stretch=settings.stretch, progress=progress)
         fitted = FitContext.searched(
-            vehicle=vehicle, rollout=rollout, prepared=prepared, noise=noise, search=search
+            vehicle=subject.vehicle,
+            rollout=rollout,
+            prepared=prepared,
+            noise=noise,
+            search=Search(step=settings.step, segment_length=settings.stretch, progress=progress),
         )
         residuals = fitted.residuals()
         joined_residuals = Predicted.joined(list(residuals.values()))
-        inflation = uncertainty.variance_inflation(joined_residuals, fitted.noise)
+        inflation = variance_inflation(joined_residuals, fitted.noise)
         constants = tuple[HeldConstant, ...]()
         has_converged = fitted.estimate.status is FitStatus.CONVERGED
         if has_converged and not at_once and len(fitted.estimate.shared):
@@ -204,20 +209,20 @@ def calibrate(
         predicted_bounds = None
         if prepared_to_predict and bounds:
             predicted_bounds = fit_bounds(fitted, prepared_to_predict, progress)
-        tests = uncertainty.whiteness(joined_residuals, fitted.noise)
-        identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation, tests)
-        balance = validation.StaticBalance(subject.vehicle)
+        whiteness_tests = whiteness(joined_residuals, fitted.noise)
+        identified = numbers(subject.vehicle, fitted.estimate, inflation, whiteness_tests)
         exported = exported_estimate(fitted, inflation, identified)
         directions = uncertainty.unidentifiable_directions(
             subject.vehicle, fitted.estimate, inflation
         )
+        balance = StaticBalance(subject.vehicle)
         comparisons = []
-        for item in prepared:
-            missed = residuals[item.recording.name]
-            comparisons.append(_comparison(fitted, balance, item, missed))
-        profiles = tuple[validation.Profile, ...]()
+        for recording in prepared:
+            missed = residuals[recording.recording.name]
+            comparisons.append(_comparison(fitted, balance, recording, missed))
+        number_profiles = tuple[Profile, ...]()
         if profiled:
-            profiles = tuple(validation.profiles(fitted, identified, inflation, progress))
+            number_profiles = tuple(profiles(fitted, identified, inflation, progress))
         left_out = tuple[validation.HeldOutRecording, ...]()
         if leave_one_out:
             left_out = tuple(
@@ -235,16 +240,49 @@ def calibrate(
             numbers=identified,
             open=directions,
             inflation=inflation,
-            whiteness=tests,
+            whiteness=whiteness_tests,
             comparisons=tuple(comparisons),
             issues=tuple(issues),
             constants=constants,
-            profiles=profiles,
+            profiles=number_profiles,
             left_out=left_out,
             left_out_bounds=left_out_bounds,
             predicted=predicted,
             predicted_bounds=predicted_bounds,
         )
+
+
+def _require_distinct(
+    recordings: Sequence[Recording], to_predict: Sequence[Recording], *, leave_one_out: bool
+) -> None:
+    """Check that there are recordings, each with its name, and two at least to leave one out."""
+    names = [recording.name for recording in recordings]
+    all_names = names + [recording.name for recording in to_predict]
+    if not names or len(set(all_names)) < len(all_names):
+        raise InvalidInput(
+            f"recordings {all_names} given; allowed: one at least, each with a name of its own"
+        )
+    if leave_one_out and len({recording.source for recording in recordings}) < 2:
+        raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
+
+
+def _issues(
+    subject: CalibratedRobot,
+    settings: CalibrationSettings,
+    recordings: Sequence[Recording],
+    warn: Callable[[str], None],
+) -> list[str]:
+    """List the doubts about recordings and settings, each with the name of its recording; warn gets
+    each at once.
+    """
+    issues = []
+    for recording in recordings:
+        doubts = [*check_data_quality(recording), *check_settings(subject, settings, recording)]
+        for doubt in doubts:
+            issue = f"{recording.name}: {doubt}"
+            issues.append(issue)
+            warn(issue)
+    return issues
 
 
 def _with_commands(
@@ -276,27 +314,27 @@ def _prepared(
         completed = along_axes(recording, settings, n_commands)
         prepared.append(PreparedRecording.of(completed, subject.vehicle))
     for item in prepared:
-        item.stretches(settings.step, settings.stretch)  # or it is too short
+        item.segments(settings.step, settings.stretch)  # or it is too short
         require_current(subject, item.recording)
     return tuple(prepared)
 
 
 def _comparison(
     fitted: FitContext,
-    balance: validation.StaticBalance,
+    balance: StaticBalance,
     recording: PreparedRecording,
     missed: Predicted,
 ) -> Comparison:
     """Predict a recording by the calibrated vehicle, and by those that know less."""
-    (segment,) = recording.stretches(fitted.search.step)
+    (segment,) = recording.segments(fitted.search.step)
     after = fitted.predictor()
     before = fitted.predictor(fitted.vehicle.shared.start)
     return Comparison(
         name=recording.recording.name,
         calibrated=after.of(segment),
         before=before.of(segment),
-        static=validation.static_baseline(segment, after.start_window),
-        balance=balance.of_stretch(segment, fitted.estimate.shared),
+        static=static_baseline(segment, after.start_window),
+        balance=balance.of_segment(segment, fitted.estimate.shared),
         residuals=missed,
-        whiteness=uncertainty.whiteness(missed, fitted.noise),
+        whiteness=whiteness(missed, fitted.noise),
     )

@@ -17,13 +17,16 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import parameters
 from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.parameters import (
-    ActuatorModel,
     Declaration,
-    NominalParameters,
     ParameterStatus,
     Unknowns,
 )
 from uvms_ocp.identification.settings import CalibrationSettings
+from uvms_ocp.identification.vehicle_declaration import (
+    ActuatorModel,
+    NominalParameters,
+    vehicle_declaration,
+)
 from uvms_ocp.robot import assembly, loading, symbolic_dynamics
 from uvms_ocp.robot.coefficients import coefficients_of, links_in_water
 from uvms_ocp.robot.description import LinkCoefficients, RobotDescription
@@ -118,7 +121,7 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> Calib
     link = _vehicle_link(robot, dynamics)
     start = NominalParameters.of(dynamics, link)
     hull = _box_around(dynamics.links[link].X_FL.inverse(), settings.hull)
-    declaration = parameters.vehicle_declaration(
+    declaration = vehicle_declaration(
         start, hull, actuators, velocity_delay=settings.velocity_delay or 0.0
     )
     has_shape = bool(shape_of(robot, dynamics.links[link].frame))

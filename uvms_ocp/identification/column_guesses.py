@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.identification.recording import smoothed
+from uvms_ocp.identification.resampling import smoothed
 from uvms_ocp.identification.series_agreement import correlation
 
 _MIN_ROWS = 100

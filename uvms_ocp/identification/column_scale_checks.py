@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.identification.pressure_units import METRES, PRESSURE_UNITS, read_in, unit_by_rate
-from uvms_ocp.identification.recording import (
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import (
     GRID,
-    Channel,
-    Recording,
     angular_rate,
     interpolated,
     rotations,

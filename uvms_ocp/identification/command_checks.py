@@ -18,7 +18,8 @@ from uvms_ocp.identification.explained_motion import (
     commanded,
     motion_of,
 )
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording, ZeroOrderHold
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
+from uvms_ocp.identification.resampling import ZeroOrderHold
 from uvms_ocp.identification.series_agreement import WAYS, named
 
 _COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)

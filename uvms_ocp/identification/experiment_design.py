@@ -18,17 +18,26 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound
-from uvms_ocp.identification import experiment
-from uvms_ocp.identification.model import N_Q, N_V, Vehicle
-from uvms_ocp.identification.output_error import Noise
-from uvms_ocp.identification.recording import Channel, ZeroOrderHold
-from uvms_ocp.identification.rollout import Rollout
-from uvms_ocp.identification.uncertainty import (
+from uvms_ocp.identification.experiment_limits import ExperimentLimits
+from uvms_ocp.identification.identified_numbers import (
     DETERMINED_BELOW,
     IdentifiedNumber,
     numbers_at,
     slopes_of,
 )
+from uvms_ocp.identification.information_criterion import InformationCriterion
+from uvms_ocp.identification.knot_commands import (
+    KnotCommands,
+    edges_of,
+    multisine,
+)
+from uvms_ocp.identification.model import N_Q, N_V, Vehicle
+from uvms_ocp.identification.motions_by_hand import BY_HAND
+from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.recording import Channel
+from uvms_ocp.identification.resampling import ZeroOrderHold
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.trajectory_simulator import TrajectorySimulator
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.types import Positive, Range
 
@@ -38,23 +47,38 @@ FINER = 5
 """Steps of the simulation that says where commands lead, in one of the search."""
 HALF = 0.5
 """Target, as a share of the smallest standard error by hand."""
-
 # Durations of recordings: maps from knots to commands grow with the square.
 _SHORTEST = 1.0  # [s]
 _LONGEST = 1800.0  # [s]
-
 # The search.
 _PRICES = (100.0, 300.0, 1000.0, 1000.0)  # of leaving the pool, round by round
 _DEARER = (3000.0, 10000.0, 30000.0)  # the same where the finer steps still lead outside
 _START_FREQUENCY = 0.2  # [Hz] of the sines where the search begins
 _START_AMPLITUDES = (1.0, 2.0, 4.0)  # shares of what each axis can get alone, of these sines
-
 # Motions by hand.
 _AHEAD = 1.0  # [s] that the spring which keeps them in the pool looks ahead
 _AMPLITUDES = np.linspace(1.0, 0.05, 20)  # shares of the largest thrust, tried in this order
-_HOLD = 2.0  # [s] of a step
-_SLOWEST = 0.1  # [Hz] of chirps
-_FASTEST = 1.0  # [Hz] of chirps
+
+
+@checked
+def design_experiment(
+    task: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None
+) -> Excitation:
+    """Search for commands that determine what matters best:
+    `uvms_ocp.identification.experiment_design.Excitation`.
+
+    rollout: ``Rollout(stage_of(task.vehicle))``. Raises NameNotFound for a number that there is
+    not.
+    """
+    search = _DesignSearch(task, rollout, effort or DesignSettings())
+    knots = search.start()
+    for price in _PRICES:
+        knots = search.lowered(knots, price)
+    for price in _DEARER:
+        if search.expected(knots).status is DesignStatus.INSIDE:
+            break
+        knots = search.lowered(knots, price)
+    return search.expected(knots)
 
 
 @checked_dataclass(eq=False)
@@ -67,7 +91,7 @@ class ExperimentTask:
 
     vehicle: Vehicle
     """Vehicle with its unknowns at their prior values."""
-    limits: experiment.ExperimentLimits
+    limits: ExperimentLimits
     """Limits of commands and motion."""
     duration: Annotated[float, Range(_SHORTEST, _LONGEST)] = 60.0
     """[s] of a recording."""
@@ -101,7 +125,7 @@ class ExperimentTask:
         positions = self.joints or np.zeros(n_j)
         return np.concatenate([positions, np.zeros(2 * n_j)])
 
-    def aim(self) -> experiment.InformationCriterion:
+    def aim(self) -> InformationCriterion:
         """Build the criterion. Raises NameNotFound for a number that does not depend on the
         unknowns.
         """
@@ -112,34 +136,12 @@ class ExperimentTask:
         information = np.diag(1.0 / priors**2)
         if self.prior_information is not None:
             information = self.prior_information + information
-        return experiment.InformationCriterion(
+        return InformationCriterion(
             slopes=np.hstack([by_shared, by_recording]),
             prior_information=information,
             noise=self.noise,
             rate=self.rate,
         )
-
-
-def _places_of(matter: Sequence[str], names: Sequence[tuple[str, str]]) -> list[int]:
-    """List the places of numbers that matter, by their name or quantity, in names (quantity,
-    number); of all where none is named.
-    """
-    if not matter:
-        return list(range(len(names)))
-    for label in matter:
-        if not any(label in pair for pair in names):
-            raise NameNotFound("number", label, [number for _, number in names])
-    return [k for k, pair in enumerate(names) if not set(pair).isdisjoint(matter)]
-
-
-class DesignStatus(AdvisedStatus):
-    """Outcome of a design."""
-
-    INSIDE = "inside the pool", "See how far vehicles with other numbers go before it drives one."
-    OUTSIDE = (
-        "leaves the pool or tilts too far",
-        "Give a larger pool, less thrust or less time, or allow more iterations.",
-    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -163,12 +165,38 @@ class Excitation:
     status: DesignStatus
 
 
+class DesignStatus(AdvisedStatus):
+    """Outcome of a design."""
+
+    INSIDE = "inside the pool", "See how far vehicles with other numbers go before it drives one."
+    OUTSIDE = (
+        "leaves the pool or tilts too far",
+        "Give a larger pool, less thrust or less time, or allow more iterations.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DesignSettings:
+    """Settings of the search for commands."""
+
+    step: float = 0.05
+    """[s] of the simulation, for which a command is held."""
+    knots: float = 0.2
+    """[s] between the commands that are searched for."""
+    starts: int = 3
+    """Sines drawn in each size, of which the best are made better."""
+    iterations: int = 200
+    """Iterations in a round; leaving the pool costs little in the first and much in the last."""
+    seed: int = 0
+    """Seed of the drawn sines."""
+
+
 def excitation_of(task: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
     """Predict what other commands, held for equal steps, would determine."""
     step = float(commands.t[1] - commands.t[0])
-    simulator = experiment.TrajectorySimulator(rollout, task.unknowns, step, task.still)
+    simulator = TrajectorySimulator(rollout, task.unknowns, step, task.still)
     held = ZeroOrderHold(commands)
-    edges = commands.t[0] + experiment.edges_of(len(commands.t), step, simulator.delay)
+    edges = commands.t[0] + edges_of(len(commands.t), step, simulator.delay)
     trajectory = simulator.of(held.mean(edges), -held.mean_slope(edges))
     aim = task.aim()
     information = aim.information(trajectory, step)
@@ -187,6 +215,18 @@ def excitation_of(task: ExperimentTask, rollout: Rollout, commands: Channel) -> 
     )
 
 
+def _places_of(matter: Sequence[str], names: Sequence[tuple[str, str]]) -> list[int]:
+    """List the places of numbers that matter, by their name or quantity, in names (quantity,
+    number); of all where none is named.
+    """
+    if not matter:
+        return list(range(len(names)))
+    for label in matter:
+        if not any(label in pair for pair in names):
+            raise NameNotFound("number", label, [number for _, number in names])
+    return [k for k, pair in enumerate(names) if not set(pair).isdisjoint(matter)]
+
+
 def simulate_commands(
     task: ExperimentTask, rollout: Rollout, commands: Channel, p: np.ndarray
 ) -> np.ndarray:
@@ -194,8 +234,8 @@ def simulate_commands(
     p (n_p,) [as `Unknowns.start`].
     """
     step = float(commands.t[1] - commands.t[0]) / FINER
-    simulator = experiment.TrajectorySimulator(rollout, p, step, task.still)
-    edges = commands.t[0] + experiment.edges_of(FINER * len(commands.t), step, simulator.delay)
+    simulator = TrajectorySimulator(rollout, p, step, task.still)
+    edges = commands.t[0] + edges_of(FINER * len(commands.t), step, simulator.delay)
     return simulator.states(ZeroOrderHold(commands).mean(edges))
 
 
@@ -229,41 +269,6 @@ def keep_inside_pool(
         commands.append(command)
         x = np.asarray(rollout.step(x, command, joints, p, step)).ravel()
     return np.array(commands)
-
-
-def steps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Push axis after axis ahead and back, (n, 6) [-] at t (n,) [s]; half as far in every other
-    turn.
-    """
-    place = (t / _HOLD).astype(int)
-    size = np.where(place // 12 % 2, 0.5, 1.0)
-    sign = np.where(place % 2, -1.0, 1.0)
-    is_pushed = place[:, None] // 2 % 6 == np.arange(6)
-    return np.asarray((size * sign)[:, None] * is_pushed)
-
-
-def chirps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Swing axis after axis, from slow to fast, (n, 6) [-] at t (n,) [s]."""
-    duration = (t[-1] + t[1]) / 6
-    since = t % duration
-    mean_frequency = _SLOWEST + (_FASTEST - _SLOWEST) * since / duration / 2
-    wave = np.cos(2 * np.pi * mean_frequency * since)
-    is_swung = (t / duration).astype(int)[:, None] == np.arange(6)
-    return np.asarray(wave[:, None] * is_swung)
-
-
-def both(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Draw steps of all axes at once, chirps beside them, (n, 6) [-] at t (n,) [s]."""
-    shape = (int(t[-1] / 3) + 1, 6)
-    sizes = rng.uniform(-1, 1, size=shape)
-    is_pushed = rng.uniform(size=shape) < 0.5
-    mean_frequency = 0.05 + 0.15 * t / t[-1]
-    chirp = 0.3 * np.sin(2 * np.pi * mean_frequency[:, None] * t[:, None] + np.arange(6))
-    return np.asarray((sizes * is_pushed)[(t / 3).astype(int)] + chirp)
-
-
-BY_HAND = {"steps": steps, "chirps": chirps, "steps and chirps": both}
-"""Thrust as one would think of it, by name."""
 
 
 def largest(task: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -> Excitation:
@@ -310,13 +315,13 @@ class Objective:
     what it costs to leave the pool or to hurry thrusters.
     """
 
-    aim: experiment.InformationCriterion
+    aim: InformationCriterion
     """Figure of merit of the information: how much of the parameters is left unknown."""
-    limits: experiment.ExperimentLimits
+    limits: ExperimentLimits
     """Limits that penalties keep: slew, pool and tilt."""
-    history: experiment.KnotCommands
+    history: KnotCommands
     """Commands by knots."""
-    simulator: experiment.TrajectorySimulator
+    simulator: TrajectorySimulator
     """Where commands lead."""
     targets: np.ndarray
     """(m,) [units of numbers] standard errors that those of the aim are compared with."""
@@ -380,43 +385,6 @@ class Objective:
         return price / len(commands) * float((excess**2).sum()), slope
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class DesignSettings:
-    """Settings of the search for commands."""
-
-    step: float = 0.05
-    """[s] of the simulation, for which a command is held."""
-    knots: float = 0.2
-    """[s] between the commands that are searched for."""
-    starts: int = 3
-    """Sines drawn in each size, of which the best are made better."""
-    iterations: int = 200
-    """Iterations in a round; leaving the pool costs little in the first and much in the last."""
-    seed: int = 0
-    """Seed of the drawn sines."""
-
-
-@checked
-def design_experiment(
-    task: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None
-) -> Excitation:
-    """Search for commands that determine what matters best:
-    `uvms_ocp.identification.experiment_design.Excitation`.
-
-    rollout: ``Rollout(stage_of(task.vehicle))``. Raises NameNotFound for a number that there is
-    not.
-    """
-    search = _DesignSearch(task, rollout, effort or DesignSettings())
-    knots = search.start()
-    for price in _PRICES:
-        knots = search.lowered(knots, price)
-    for price in _DEARER:
-        if search.expected(knots).status is DesignStatus.INSIDE:
-            break
-        knots = search.lowered(knots, price)
-    return search.expected(knots)
-
-
 class _DesignSearch:
     """Search for knots (n_knots, n_u) [N, N m]."""
 
@@ -424,8 +392,8 @@ class _DesignSearch:
         self.task = task
         self.rollout = rollout
         self.effort = effort
-        simulator = experiment.TrajectorySimulator(rollout, task.unknowns, effort.step, task.still)
-        history = experiment.KnotCommands(task.duration, effort.knots, effort.step, simulator.delay)
+        simulator = TrajectorySimulator(rollout, task.unknowns, effort.step, task.still)
+        history = KnotCommands(task.duration, effort.knots, effort.step, simulator.delay)
         self.objective = Objective(
             aim=task.aim(),
             limits=task.limits,
@@ -441,9 +409,7 @@ class _DesignSearch:
         rng = np.random.default_rng(self.effort.seed)
         candidates = []
         for share in _START_AMPLITUDES * self.effort.starts:
-            sines = experiment.multisine(
-                rng, history.sent.shape[0], 6, task.duration * _START_FREQUENCY
-            )
+            sines = multisine(rng, history.sent.shape[0], 6, task.duration * _START_FREQUENCY)
             commands = keep_inside_pool(task, self.rollout, share * sines, self.effort.step)
             candidates.append(np.clip(history.nearest(commands), *task.limits.thrust.T))
         return min(candidates, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.identification import recording as recordings
-from uvms_ocp.identification.recording import (
-    Channel,
-    Recording,
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import (
+    GRID,
     ZeroOrderHold,
     angular_rate,
+    interpolated,
     rotations,
     smoothed,
 )
 from uvms_ocp.identification.series_agreement import WINDOW
 
-SHIFTS = np.arange(-2.0, 3.0 + 1e-9, recordings.GRID)
+SHIFTS = np.arange(-2.0, 3.0 + 1e-9, GRID)
 """[s] by which motion comes after a command."""
 MAY = (SHIFTS > -0.15) & (SHIFTS < 1.2)
 """Plausible ones of these: thrusters lag, and messages take their time."""
@@ -82,7 +82,7 @@ def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate values and rates (m, k) at t (m,)."""
     grid, values = smoothed(channel.undelayed_t, channel.values, WINDOW)
     _, rates = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
-    return recordings.interpolated(t, grid, values), recordings.interpolated(t, grid, rates)
+    return interpolated(t, grid, values), interpolated(t, grid, rates)
 
 
 def commanded(

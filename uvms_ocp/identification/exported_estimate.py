@@ -18,6 +18,12 @@ import numpy as np
 
 from uvms_ocp.identification import parameters, uncertainty
 from uvms_ocp.identification.fit import FitContext
+from uvms_ocp.identification.identified_numbers import (
+    INTERVAL,
+    IdentifiedNumber,
+    slopes_of,
+    values_of,
+)
 from uvms_ocp.identification.output_error import Estimate, FitStatus
 
 _OF_BODIES = ("mass", "added_mass", "volume")
@@ -40,7 +46,7 @@ class ExportedEstimate:
 
 
 def exported_estimate(
-    fitted: FitContext, inflation: float, identified: Sequence[uncertainty.IdentifiedNumber]
+    fitted: FitContext, inflation: float, identified: Sequence[IdentifiedNumber]
 ) -> ExportedEstimate:
     """Hold undetermined numbers at their declared values where the recordings allow it, else one
     quantity after the other, and one number after the other.
@@ -62,7 +68,7 @@ def exported_estimate(
             if (is_chosen <= is_held).all():
                 continue
             candidate = is_held | is_chosen
-            allowed = uncertainty.INTERVAL**2 * inflation * int(candidate.sum())
+            allowed = INTERVAL**2 * inflation * int(candidate.sum())
             held_fit = _refitted(fitted, candidate)
             if held_fit is not None and 2.0 * (held_fit.cost - estimate.cost) < allowed:
                 is_held = candidate
@@ -85,16 +91,16 @@ def _choices(shared: parameters.Unknowns, is_open: np.ndarray) -> Iterator[np.nd
 
 
 def _impossible(
-    fitted: FitContext, estimate: Estimate, identified: Sequence[uncertainty.IdentifiedNumber]
+    fitted: FitContext, estimate: Estimate, identified: Sequence[IdentifiedNumber]
 ) -> np.ndarray:
     """Mark unknowns (n,) [bool] of masses and volumes that nothing determines, and that are so far
     from what was declared that no body has them.
     """
     vehicle = fitted.vehicle
     is_determined = {number.name: number.determined for number in identified}
-    values = uncertainty.values_of(vehicle, estimate.shared)
-    declared = uncertainty.values_of(vehicle, vehicle.shared.start)
-    names = [name for _, name in uncertainty.slopes_of(vehicle, estimate.shared)[0]]
+    values = values_of(vehicle, estimate.shared)
+    declared = values_of(vehicle, vehicle.shared.start)
+    names = [name for _, name in slopes_of(vehicle, estimate.shared)[0]]
     impossible_names = set()
     for name, value, before in zip(names, values, declared, strict=True):
         is_of_body = name.partition(" ")[0] in _OF_BODIES

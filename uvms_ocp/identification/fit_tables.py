@@ -10,16 +10,16 @@ from itertools import product
 
 import numpy as np
 
-from uvms_ocp.identification import fit, parameters, report_prose
+from uvms_ocp.identification import parameters, report_prose
 from uvms_ocp.identification.calibration import Comparison
+from uvms_ocp.identification.prediction_errors import SCORED, errors
 from uvms_ocp.identification.prediction_text import still_lines
+from uvms_ocp.identification.predictor import Predicted, fit_percent
 from uvms_ocp.identification.still_comparison import WorseThanStill
 from uvms_ocp.identification.validation import (
     OTHERS,
-    SCORED,
     HeldOutRecording,
     HorizonPrediction,
-    errors,
 )
 
 _STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
@@ -56,14 +56,14 @@ def _fit_row(comparison: Comparison) -> str:
     return f"| {comparison.name} | {' | '.join(cells)} | {tilts[0]} ({'; '.join(tilts[1:])}) |"
 
 
-def _fits_by_axis(predicted: fit.Predicted) -> list[str]:
+def _fits_by_axis(predicted: Predicted) -> list[str]:
     """Write the fit [%] of each velocity; ``-`` where it does not move."""
     cells = []
     for sensor, axis in product(range(2), range(3)):
         measured = predicted.measured[sensor][:, axis]
         output = predicted.rows[sensor][:, axis]
         if np.std(measured) > _STILL:
-            cells.append(f"{fit.fit_percent(measured, output):.0f}")
+            cells.append(f"{fit_percent(measured, output):.0f}")
         else:
             cells.append("-")
     return cells

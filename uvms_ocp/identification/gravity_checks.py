@@ -10,7 +10,8 @@ import numpy as np
 
 from uvms_ocp.identification.column_scale_checks import height_scale
 from uvms_ocp.identification.pressure_units import PRESSURE, likely_unit, read_in, unit_by_size
-from uvms_ocp.identification.recording import Channel, Recording, rotations
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import rotations
 
 G = 9.81
 """[m/s2] specific force at rest."""

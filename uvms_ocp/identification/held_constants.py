@@ -4,14 +4,18 @@ widens intervals by it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from uvms_ocp.identification import parameters, uncertainty
-from uvms_ocp.identification.fit import FitContext, constant_slopes
+from uvms_ocp.identification.fit import FitContext
+from uvms_ocp.identification.identified_numbers import slopes_of
+from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Estimate
+from uvms_ocp.identification.parameters import Declaration, Unknowns
+from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.settings import CalibrationSettings
 
 _SPREADS = {
@@ -42,6 +46,7 @@ _SEEN = ("bias", "current")
 """Constants of the robot's file, and assumed ones that are no part of intervals: recordings show
 them where they are not 0.
 """
+_NEXT_TO_NOTHING = 1e-9  # [1 / unknowns^2] of information, so that no matrix is singular
 _NOISIER = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
 """Deviations of noise that weigh samples, and units: what they would change if they were twice as
 large.
@@ -107,6 +112,38 @@ def held_constants(
     return replace(fitted.estimate, assumed=assumed), tuple(constants)
 
 
+def constant_slopes(
+    fitted: FitContext, constants: Sequence[str]
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Return coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns
+    with m of these.
+
+    What each recording may have for itself is off in all of them alike.
+    """
+    unknowns = fitted.vehicle.shared
+    quantities = dict(fitted.vehicle.shared.declaration.quantities)
+    for name in constants:
+        all_free = np.ones_like(quantities[name].free)
+        quantities[name] = replace(quantities[name], free=all_free, per_recording=False)
+    all_unknowns = Unknowns(Declaration(quantities=quantities))
+    learnt = np.isin(all_unknowns.names, unknowns.names)
+    point = all_unknowns.start
+    point[learnt] = fitted.estimate.shared
+    per_recording = Unknowns(all_unknowns.declaration, per_recording=True)
+    vehicle = replace(fitted.vehicle, shared=all_unknowns, per_recording=per_recording)
+    rollout = Rollout(stage_of(vehicle, sharp=True))
+    problem = replace(fitted, vehicle=vehicle, rollout=rollout).problem()
+    start = problem.resumed(replace(fitted.estimate, shared=point))
+    H = problem.solve(start, iterations=0).information
+    stiffness = H[np.ix_(learnt, learnt)] + _NEXT_TO_NOTHING * np.eye(int(learnt.sum()))
+    to_constants = H[np.ix_(learnt, ~learnt)]
+    try:
+        slopes = -np.linalg.solve(stiffness, to_constants)
+    except np.linalg.LinAlgError:  # unknowns that nothing tells do not move
+        slopes = -np.linalg.pinv(stiffness, hermitian=True) @ to_constants
+    return tuple(np.array(all_unknowns.names)[~learnt].tolist()), slopes
+
+
 def _units(fitted: FitContext) -> dict[str, float]:
     """Return the factors by which some spreads are multiplied: delays are searched by their
     logarithms, biases are shares of the weight.
@@ -137,7 +174,7 @@ class _Effects:
         """inflation: factor on the variance for residuals that are alike, of
         `variance_inflation`.
         """
-        named, slopes = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
+        named, slopes = slopes_of(fitted.vehicle, fitted.estimate.shared)
         C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)
         self._names = [name for _, name in named]
         self._slopes = slopes

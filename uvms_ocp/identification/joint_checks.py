@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from uvms_ocp.identification import recording as recordings
-from uvms_ocp.identification.recording import Recording, smoothed
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.resampling import interpolated, smoothed
 from uvms_ocp.identification.series_agreement import (
     DEAD,
     WINDOW,
@@ -44,7 +44,7 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     if rate.std(axis=0).max() < _MOVING_JOINT or measured_rate.std(axis=0).max() < DEAD:
         return
     delay, _ = offset(t, rate, t_measured, measured_rate)
-    shifted = recordings.interpolated(t + delay, t_measured, measured_rate)
+    shifted = interpolated(t + delay, t_measured, measured_rate)
     for text in (describe_delay(delay), describe_factor(rate, shifted)):
         if text:
             yield "joint_velocities", text.format("positions")

@@ -31,6 +31,7 @@ from uvms_ocp.identification.pressure_units import (
     told_by_name,
     unit_by_size,
 )
+from uvms_ocp.identification.resampling import rotations
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.robot.spatial import continuous_quaternions
 
@@ -115,7 +116,7 @@ def _in_body(key: str, read: Mapping[str, recordings.Channel]) -> np.ndarray:
         raise InvalidInput(
             f"{key}: frame: W given, which needs the attitude; give that channel too"
         )
-    R = recordings.rotations(read["attitude"], read[key].undelayed_t)
+    R = rotations(read["attitude"], read[key].undelayed_t)
     vectors = read[key].values.reshape(len(R), -1, 3)
     return np.einsum("nji,nkj->nki", R, vectors).reshape(len(R), -1)
 

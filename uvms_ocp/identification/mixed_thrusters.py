@@ -16,7 +16,8 @@ from uvms_ocp.identification.explained_motion import (
     commanded,
     motion_of,
 )
-from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import ZeroOrderHold
 
 _BETTER = 0.5  # of one axis, by which other thrusters must explain more
 # of what moves, that it must explain: what holds a vehicle against waves pushes against its motion

@@ -18,7 +18,8 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.identification.coordinates import spatial_inertia
-from uvms_ocp.identification.parameters import ActuatorModel, Unknowns
+from uvms_ocp.identification.parameters import Unknowns
+from uvms_ocp.identification.vehicle_declaration import ActuatorModel
 from uvms_ocp.robot.spatial import cross, exp3, quaternion_to_matrix
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics, WaterCoefficients
 

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.identification.recording import (
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.resampling import (
     GRID,
-    Recording,
     interpolated,
     rotations,
     smoothed,

@@ -7,7 +7,8 @@ recording, so that a step costs little more than the simulation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, groupby
@@ -16,267 +17,50 @@ import numpy as np
 
 from uvms_ocp.errors import AdvisedStatus
 from uvms_ocp.identification.model import N_Q, N_V, Vehicle
+from uvms_ocp.identification.normal_equations import (
+    Elimination,
+    NormalEquations,
+    are_finite,
+    loss,
+    weights,
+)
 from uvms_ocp.identification.rollout import (
     N_START,
     PredictedOutputs,
     Rollout,
-    Segment,
     SegmentStart,
     turn_slope,
 )
+from uvms_ocp.identification.segments import Segment
 from uvms_ocp.robot.spatial import quaternion_conjugate, quaternion_log, quaternion_multiply
 
-Elimination = Callable[[np.ndarray], np.ndarray]
-"""Maps a change (n,) of the shared unknowns to those (m + 9 l,) of the others [as
-`Unknowns.start`].
-"""
-
-_NEARLY_NONE = 1e-9  # of damping
+_NEARLY_NONE = 1e-9  # damping of a Gauss-Newton step
 _PROMISED = 30.0
 """Factor of the tolerance: a search that an undamped step promises to lower by more has not
 converged, however little its last step gained.
 """
-_MOST_STEPS = (
-    4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
-)
-
-
-# What a residual costs: half its square near zero, and linearly more far away, where outliers are
-# (pseudo-Huber's loss).
-
-
-def loss(r: np.ndarray, outliers: float) -> float:
-    """Compute the Huber loss [-] of all residuals r (...), which count linearly beyond outliers."""
-    return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
-
-
-def weights(r: np.ndarray, outliers: float) -> np.ndarray:
-    """Compute weights (...) of squares of residuals r (...) that have the gradient of the loss,
-    less beyond outliers.
-    """
-    return np.asarray((1.0 + (r / outliers) ** 2) ** -0.5)
-
-
-# Normal equations of one recording, its local unknowns apart: those of its own, and the starts of
-# its stretches.
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NormalEquations:
-    """Gauss-Newton normal equations of n shared unknowns, m of the recording, and the starts of its
-    l segments.
-
-    Together the first are border: a start is coupled with these and with the next one only, so that
-    all are eliminated in a time and a memory that grow with l.
-    """
-
-    cost: float
-    """Half the weighted squares."""
-    H: np.ndarray
-    """(n + m, n + m) [1 / unknowns^2] matrix of the unknowns."""
-    g: np.ndarray
-    """(n + m,) [1 / unknowns] gradient by the unknowns."""
-    H_starts: np.ndarray
-    """(18, 9 l) [1 / unknowns^2] lower band of the starts' matrix, diagonal by diagonal, as LAPACK
-    has it.
-    """
-    g_starts: np.ndarray
-    """(9 l,) [1 / unknowns] gradient by the starts."""
-    cross: np.ndarray
-    """(9 l, n + m) [1 / unknowns^2] matrix between starts and unknowns."""
-
-    def without_starts(self, damping: float, n: int) -> tuple[np.ndarray, np.ndarray, Elimination]:
-        """Compute the Schur complement (n, n), (n,) of n shared unknowns, and the map from their
-        change to those of the others, whose diagonal is raised by damping.
-        """
-        from scipy.linalg import solveh_banded  # a tenth of a second
-
-        band = self.H_starts.copy()
-        band[0] *= 1.0 + damping
-        solved = solveh_banded(
-            band, np.column_stack([self.cross, self.g_starts]), lower=True, check_finite=False
-        )
-        H = self.H - self.cross.T @ solved[:, :-1]
-        g = self.g - self.cross.T @ solved[:, -1]
-        H_recording = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
-        solved_recording = np.linalg.solve(H_recording, np.column_stack([H[n:, :n], g[n:]]))
-
-        def eliminated(change: np.ndarray) -> np.ndarray:
-            """Compute changes (m + 9 l,) of the other unknowns from the change (n,) of the shared
-            ones.
-            """
-            recording_change = -solved_recording @ np.r_[change, 1.0]
-            return np.r_[recording_change, -solved @ np.r_[change, recording_change, 1.0]]
-
-        H_shared = H[:n, :n] - H[:n, n:] @ solved_recording[:, :-1]
-        g_shared = g[:n] - H[:n, n:] @ solved_recording[:, -1]
-        return H_shared, g_shared, eliminated
-
-
-def finite(blocks: Sequence[NormalEquations]) -> bool:
-    """Check that all entries are finite: where a simulation runs away, its slopes do before its
-    cost.
-    """
-    for block in blocks:
-        if not np.isfinite(block.cost):
-            return False
-        if not (np.isfinite(block.H).all() and np.isfinite(block.H_starts).all()):
-            return False
-    return True
-
-
-# Values of everything that a search moves.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SearchPoint:
-    """Iterate of a search: unknowns and starts."""
-
-    shared: np.ndarray
-    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
-    per_recording: tuple[np.ndarray, ...]
-    """(m,) [as `Unknowns.start`] of each recording: unknowns that it has for itself."""
-    starts: tuple[tuple[SegmentStart, ...], ...]
-    """Starts of the segments of each recording."""
-
-
-def _measured_start(segment: Segment) -> SegmentStart:
-    """Return the start of a segment as it was measured."""
-    return SegmentStart(q=segment.q, v=segment.v)
-
-
-def difference(begin: SegmentStart, end: SegmentStart) -> np.ndarray:
-    """Compute the change (9,) [m/s, rad/s, rad] that moves one start to another."""
-    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(begin.q[3:]), end.q[3:]))
-    return np.concatenate([end.v - begin.v, np.asarray(turn).ravel()])
-
-
-# A number of the unknowns that is drawn to a value, as if it had been measured.
-#
-# Where a search ends, the number is a little off the value, and all else is where it is best for
-# the number as it is there.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ProfilePenalty:
-    """Quadratic penalty that draws one number to a value, for profile likelihood."""
-
-    number: Callable[[np.ndarray], tuple[float, np.ndarray]]
-    """Maps the unknowns (n,) [as `Unknowns.start`] to the number [any] and its slope (n,) [any per
-    unknown].
-    """
-    target: float
-    """[as the number] value to which it is drawn."""
-    sigma: float
-    """[as the number] deviation that costs a half."""
-
-    def cost(self, shared: np.ndarray) -> float:
-        """Compute the penalty [-] at the unknowns shared (n,) [as `Unknowns.start`]."""
-        return ((self.number(shared)[0] - self.target) / self.sigma) ** 2 / 2
-
-    def normal(self, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute its part of the normal equations, (n, n) and (n,), at the unknowns shared (n,)
-        [as `Unknowns.start`].
-        """
-        value, slope = self.number(shared)
-        return np.outer(slope, slope) / self.sigma**2, slope * (value - self.target) / self.sigma**2
-
-
-# Output error: the unknowns with which simulated stretches show what was seen, by multiple shooting
-# and Gauss-Newton.
-#
-# Every stretch begins where it likes; where it ends may differ from where the next one begins, at
-# the price of process noise. Unknowns of single recordings, and starts, are eliminated recording by
-# recording, so that a step costs little more than the simulation.
-
-
-class FitStatus(AdvisedStatus):
-    """Reason for which a fit ended."""
-
-    CONVERGED = "converged", "Look at what is not determined before numbers are used."
-    ITERATION_LIMIT = (
-        "iteration limit",
-        "Look at the recordings' doubts, learn less, or give shorter stretches.",
-    )
-    RUNS_AWAY = (
-        "runs away",
-        (
-            "The simulation is not finite where the search begins: look at times and units of the"
-            " recordings."
-        ),
-    )
-    STALLED = (
-        "stalled",
-        "No step lowers the cost: look at the recordings' doubts, and at starts and priors.",
-    )
-    NO_ANSWER = (
-        "no answer",
-        (
-            "No number is determined: look at the recordings' doubts, learn less, or record what"
-            " the report asks for."
-        ),
-    )
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Noise:
-    """Standard deviations of measurements and of changes of state between stretches."""
-
-    velocity: float = 0.02
-    """[m/s] of measured velocity, errors of the model included."""
-    rate: float = 0.05
-    """[rad/s] of angular velocity."""
-    vertical: float = 0.03
-    """[rad] of roll and pitch, of the vertical in B."""
-    process: float = 0.05
-    """[m/s, rad/s, rad] between the end of a stretch and the beginning of the next."""
-    start: float = 0.1
-    """[m/s, rad/s, rad] between the start of a stretch and the measurements there."""
-    outliers: float = 3.0
-    """Standard deviations beyond which the loss is linear."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Estimate:
-    """Unknowns with their cost, information and the status of the search."""
-
-    shared: np.ndarray
-    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
-    per_recording: Mapping[str, np.ndarray]
-    """(m,) [as `Unknowns.start`] unknowns that a recording has for itself, by its name."""
-    starts: tuple[SegmentStart, ...]
-    """Starts of the segments."""
-    cost: float
-    """Half the weighted squares."""
-    information: np.ndarray
-    """(n, n) [1 / unknowns^2] of the shared unknowns, the others eliminated, priors included."""
-    status: FitStatus
-    iterations: int
-    assumed: np.ndarray | float = 0.0
-    """(n, n) [unknowns^2] covariance from other sources than noise: the step of the simulation,
-    assumed constants.
-    """
+_MOST_STEPS = 4_000  # of segments simulated at once: they take tens of megabytes
 
 
 class OutputErrorProblem:
-    """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each
+    """Least-squares problem of a vehicle and segments of recordings; those of a recording follow each
     other.
     """
 
     def __init__(
         self,
         vehicle: Vehicle,
-        stretches: Sequence[Segment],
+        segments: Sequence[Segment],
         noise: Noise,
         rollout: Rollout,
-        pull: ProfilePenalty | None = None,
+        penalty: ProfilePenalty | None = None,
     ) -> None:
         self._vehicle = vehicle
         self._noise = noise
         self._rollout = rollout
-        self._pull = pull
+        self._penalty = penalty
         self._recordings = [
-            tuple(group) for _, group in groupby(stretches, key=lambda segment: segment.recording)
+            tuple(group) for _, group in groupby(segments, key=lambda segment: segment.recording)
         ]
         self._n = len(vehicle.shared.start)
         self._m = len(vehicle.per_recording.start)
@@ -288,12 +72,10 @@ class OutputErrorProblem:
         segments begin as measured.
         """
         begins = tuple(tuple(map(_measured_start, group)) for group in self._recordings)
+        if shared is None:
+            shared = self._vehicle.shared.start
         per_recording = tuple(self._vehicle.per_recording.start for _ in self._recordings)
-        return SearchPoint(
-            shared=self._vehicle.shared.start if shared is None else shared,
-            per_recording=per_recording,
-            starts=begins,
-        )
+        return SearchPoint(shared=shared, per_recording=per_recording, starts=begins)
 
     def resumed(self, estimate: Estimate) -> SearchPoint:
         """Return the iterate at which an estimate from the same segments ended."""
@@ -314,7 +96,7 @@ class OutputErrorProblem:
     ) -> tuple[SearchPoint, float]:
         """Take one step of Gauss and Newton; return the point after it and the cost there.
 
-        blocks: normal equations at the point, the same for every number that is pulled.
+        blocks: normal equations at the point without the penalty, the same for any penalty.
         """
         if blocks is None:
             blocks = self.blocks(point)
@@ -324,7 +106,7 @@ class OutputErrorProblem:
             return point, self._total(point, [block.cost for block in blocks])
         with np.errstate(all="ignore"):
             costs = []
-            for k, outputs in enumerate(self._all_seen(next_point)):
+            for k, outputs in enumerate(self._simulated(next_point)):
                 costs.append(self._cost(k, next_point, outputs))
             return next_point, self._total(next_point, costs)
 
@@ -337,15 +119,15 @@ class OutputErrorProblem:
         tolerance: float = 1e-4,
         damping: float = 1e-3,
     ) -> Estimate:
-        """Minimise the cost by Levenberg and Marquardt's method. frozen: in so many steps shared
-        unknowns stay. tolerance: share of the cost worth a step.
+        """Minimise the cost by Levenberg and Marquardt's method.
 
-        damping: of the first step.
+        frozen: number of first steps in which shared unknowns stay. tolerance: share of the cost
+        that is worth a step. damping: of the first step.
         """
         blocks = self.blocks(point)
         status = FitStatus.ITERATION_LIMIT
         n_done = 0
-        if not finite(blocks):
+        if not are_finite(blocks):
             return self._estimate(point, blocks, FitStatus.RUNS_AWAY, 0)
         while n_done < iterations:
             n_done += 1
@@ -360,8 +142,8 @@ class OutputErrorProblem:
             blocks = next_blocks
             if gain < tolerance and (n_done > frozen or frozen >= iterations):
                 # A step that damping held back gains little anywhere.
-                held = frozen >= iterations
-                if held or self._promised_gain(point, blocks) < _PROMISED * tolerance:
+                is_frozen = frozen >= iterations
+                if is_frozen or self._promised_gain(point, blocks) < _PROMISED * tolerance:
                     status = FitStatus.CONVERGED
                     break
         return self._estimate(point, blocks, status, n_done)
@@ -379,10 +161,10 @@ class OutputErrorProblem:
         if not self._is_solvable(point, blocks):
             return np.inf
         H, g, _ = self._reduced(point, blocks, 0.0)
-        if self._pull is not None:
-            stiff, force = self._pull.normal(point.shared)
-            H = H + stiff
-            g = g + force
+        if self._penalty is not None:
+            penalty_H, penalty_g = self._penalty.normal(point.shared)
+            H = H + penalty_H
+            g = g + penalty_g
         shared = self._vehicle.shared
         at_lower = (point.shared <= shared.lower) & (g > 0.0)
         at_upper = (point.shared >= shared.upper) & (g < 0.0)
@@ -411,7 +193,7 @@ class OutputErrorProblem:
                 continue
             next_blocks = self.blocks(next_point)  # with slopes, as most steps are taken
             cost = self._total(next_point, [block.cost for block in next_blocks])
-            if np.isfinite(cost) and cost < present_cost and finite(next_blocks):
+            if np.isfinite(cost) and cost < present_cost and are_finite(next_blocks):
                 return next_point, max(damping / 5.0, _NEARLY_NONE), cost, next_blocks
             damping *= 8.0
         return None
@@ -426,8 +208,8 @@ class OutputErrorProblem:
         change = np.zeros(self._n)
         if not frozen and self._n:
             damped = H + damping * np.diag(np.diag(H) + 1e-9)
-            if self._pull is not None:
-                penalty_H, penalty_g = self._pull.normal(point.shared)
+            if self._penalty is not None:
+                penalty_H, penalty_g = self._penalty.normal(point.shared)
                 damped = damped + penalty_H
                 g = g + penalty_g
             change = -np.linalg.solve(damped, g)
@@ -471,6 +253,7 @@ class OutputErrorProblem:
     def _estimate(
         self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, iterations: int
     ) -> Estimate:
+        """Make the estimate at the point where a search ended."""
         informative = blocks
         if status is FitStatus.RUNS_AWAY or not self._is_solvable(point, blocks):
             informative = []  # of which nothing is learnt
@@ -488,70 +271,89 @@ class OutputErrorProblem:
     def _total(self, point: SearchPoint, costs: Sequence[float]) -> float:
         """Add the costs of all recordings, of the priors, and of the profile's penalty."""
         deviations = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
-        penalty = 0.0 if self._pull is None else self._pull.cost(point.shared)
+        penalty = 0.0
+        if self._penalty is not None:
+            penalty = self._penalty.cost(point.shared)
         return float(sum(costs) + deviations @ deviations / 2 + penalty)
 
     def blocks(self, point: SearchPoint) -> list[NormalEquations]:
         """Build the normal equations of every recording at a point."""
         blocks = []
         with np.errstate(all="ignore"):
-            for k, outputs in enumerate(self._all_seen(point, slopes=True)):
+            for k, outputs in enumerate(self._simulated(point, slopes=True)):
                 blocks.append(self._block(k, point, outputs))
         return blocks
 
-    def _all_seen(
+    def _simulated(
         self, point: SearchPoint, *, slopes: bool = False
     ) -> list[list[PredictedOutputs]]:
-        """Simulate every recording; segments with equally many steps are simulated together, as
-        many as memory is to hold.
+        """Simulate the segments of every recording: those with equally many steps together, as many
+        at once as memory is to hold.
         """
-        flat = []
-        for k, group in enumerate(self._recordings):
-            for stretch, start in zip(group, point.starts[k], strict=True):
-                flat.append((k, stretch, start))
-        outputs: dict[int, PredictedOutputs] = {}
-        for n in {len(stretch.edges) for _, stretch, _ in flat}:
-            places = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
-            size = max(1, _MOST_STEPS // n)
-            for first in range(0, len(places), size):
-                chosen = places[first : first + size]
-                unknowns = [np.r_[point.shared, point.per_recording[flat[i][0]]] for i in chosen]
-                p = np.array(unknowns)
-                parts = [flat[i][1] for i in chosen]
-                starts = [flat[i][2] for i in chosen]
-                weighting = partial(self._weights, parts) if slopes else None
-                predictions = self._rollout.predict(parts, starts, p, weighting)
-                for i, part, prediction in zip(chosen, parts, predictions, strict=True):
-                    residuals = self._residuals(part, prediction.rows)
-                    total_loss = sum(loss(r, self._noise.outliers) for r in residuals)
-                    outputs[i] = replace(prediction, rows=(), loss=total_loss)
+        jobs = []
+        for recording, segments in enumerate(self._recordings):
+            unknowns = np.r_[point.shared, point.per_recording[recording]]
+            for segment, start in zip(segments, point.starts[recording], strict=True):
+                jobs.append(_SegmentJob(recording, segment, start, unknowns))
+        places_by_length = defaultdict[int, list[int]](list)
+        for place, job in enumerate(jobs):
+            places_by_length[len(job.segment.edges)].append(place)
+        predictions: dict[int, PredictedOutputs] = {}
+        for n_edges, places in places_by_length.items():
+            n_at_once = max(1, _MOST_STEPS // n_edges)
+            for first in range(0, len(places), n_at_once):
+                batch = places[first : first + n_at_once]
+                outputs = self._simulated_batch([jobs[place] for place in batch], slopes=slopes)
+                predictions.update(zip(batch, outputs, strict=True))
         by_recording: list[list[PredictedOutputs]] = [[] for _ in self._recordings]
-        for i, (k, _, _) in enumerate(flat):
-            by_recording[k].append(outputs[i])
+        for place, job in enumerate(jobs):
+            by_recording[job.recording].append(predictions[place])
         return by_recording
 
-    def _residuals(self, stretch: Segment, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
-        return [(rows[j] - stretch.measured[j]) / self._sigma[j] for j in range(3)]
+    def _simulated_batch(
+        self, jobs: Sequence[_SegmentJob], *, slopes: bool
+    ) -> Iterator[PredictedOutputs]:
+        """Simulate segments of equally many steps; yield the loss of their rows, not the rows."""
+        segments = [job.segment for job in jobs]
+        starts = [job.start for job in jobs]
+        unknowns = np.array([job.unknowns for job in jobs])
+        weighting = partial(self._weights, segments) if slopes else None
+        predictions = self._rollout.predict(segments, starts, unknowns, weighting)
+        for segment, prediction in zip(segments, predictions, strict=True):
+            residuals = self._residuals(segment, prediction.rows)
+            total_loss = sum(loss(residual, self._noise.outliers) for residual in residuals)
+            yield replace(prediction, rows=(), loss=total_loss)
+
+    def _residuals(self, segment: Segment, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Compute the weighted residuals (m, 3) of each sensor."""
+        residuals = []
+        for predicted, measured, sigma in zip(rows, segment.measured, self._sigma, strict=True):
+            residuals.append((predicted - measured) / sigma)
+        return residuals
 
     def _weights(
-        self, parts: Sequence[Segment], k: int, rows: Sequence[np.ndarray]
+        self, segments: Sequence[Segment], k: int, rows: Sequence[np.ndarray]
     ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Compute weights and weighted residuals (m, 3) of the slopes of segment k, sensor by
+        sensor.
+        """
         pairs = []
-        for r, sigma in zip(self._residuals(parts[k], rows), self._sigma, strict=True):
-            w = weights(r, self._noise.outliers)
-            pairs.append((w / sigma**2, w * r / sigma))
+        for residual, sigma in zip(self._residuals(segments[k], rows), self._sigma, strict=True):
+            weight = weights(residual, self._noise.outliers)
+            pairs.append((weight / sigma**2, weight * residual / sigma))
         return pairs
 
     def _cost(self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]) -> float:
-        squares = sum(d @ d for d, _ in self._gaps(k, point, outputs))
-        return float(
-            sum(prediction.loss for prediction in outputs)
-            + self._beginnings(k, point)[1]
-            + squares / 2
-        )
+        """Compute the cost of recording k: of its rows, its starts, and the gaps between segments."""
+        cost_of_rows = sum(prediction.loss for prediction in outputs)
+        _, cost_of_starts = self._beginnings(k, point)
+        squares = sum(gap @ gap for gap, _ in self._gaps(k, point, outputs))
+        return float(cost_of_rows + cost_of_starts + squares / 2)
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
-        """Compute weighted residuals of the starts against the measurements, and their cost."""
+        """Compute weighted residuals of the starts against the measurements, and the cost of these and
+        of the unknowns of recording k against their priors.
+        """
         residuals = [
             difference(_measured_start(segment), start) / self._noise.start
             for segment, start in zip(self._recordings[k], point.starts[k], strict=True)
@@ -564,7 +366,7 @@ class OutputErrorProblem:
     def _gaps(
         self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Compute weighted gaps (9,) between the ends of stretches and the next starts, with their
+        """Compute weighted gaps (9,) between the ends of segments and the next starts, with their
         slopes with end states (9, n_x).
         """
         gaps = []
@@ -583,37 +385,179 @@ class OutputErrorProblem:
         n = self._n
         size = self._n + self._m
         slope_back = -1.0 / self._noise.process
-        weight = 1.0 / self._vehicle.per_recording.sigma**2
-        start_residuals = self._beginnings(k, point)[0]
-        # Of each segment: with itself, and of its start with the next one.
+        priors = self._vehicle.per_recording
+        weight = 1.0 / priors.sigma**2
+        start_residuals, _ = self._beginnings(k, point)
+        # Blocks of each segment with itself, then of its start with the next one.
         hessians = np.array([prediction.H for prediction in outputs])
         gradients = np.array([prediction.g for prediction in outputs])
         hessians[:, size:, size:] += np.eye(N_START) / self._noise.start**2
         gradients[:, size:] += np.array(start_residuals) / self._noise.start
         gaps = self._gaps(k, point, outputs)
         if gaps:
-            J = np.array([gaps[i][1] @ outputs[i].end_slope for i in range(len(gaps))])
+            gap_slopes = []
+            for (_, slope), prediction in zip(gaps, outputs[:-1], strict=True):
+                gap_slopes.append(slope @ prediction.end_slope)
+            J = np.array(gap_slopes)
             gap = np.array([residual for residual, _ in gaps])
             hessians[:-1] += J.swapaxes(1, 2) @ J
             hessians[1:, size:, size:] += slope_back**2 * np.eye(N_START)
             hessians[1:, size:, :size] += slope_back * J[:, :, :size]
             gradients[:-1] += np.einsum("lij,li->lj", J, gap)
             gradients[1:, size:] += slope_back * gap
-        # Both, one under the other: row r of a column is on the diagonal that is so far below that
-        # of the column's own entry.
+        # Both, one under the other: row i of a column of the band is the entry i places below the
+        # diagonal.
         band = np.zeros((3 * N_START, len(outputs), N_START))
         band[:N_START] = np.moveaxis(hessians[:, size:, size:], 1, 0)
         if gaps:
             band[N_START : 2 * N_START, :-1] = slope_back * np.moveaxis(J[:, :, size:], 1, 0)
         rows = np.arange(2 * N_START)[:, None, None] + np.arange(N_START)
+        prior_H = np.diag(np.r_[np.zeros(n), weight])
+        prior_g = np.r_[np.zeros(n), weight * (point.per_recording[k] - priors.start)]
         return NormalEquations(
             cost=self._cost(k, point, outputs),
-            H=np.diag(np.r_[np.zeros(n), weight]) + hessians[:, :size, :size].sum(axis=0),
-            g=np.r_[
-                np.zeros(n), weight * (point.per_recording[k] - self._vehicle.per_recording.start)
-            ]
-            + gradients[:, :size].sum(axis=0),
+            H=prior_H + hessians[:, :size, :size].sum(axis=0),
+            g=prior_g + gradients[:, :size].sum(axis=0),
             H_starts=np.take_along_axis(band, rows, axis=0).reshape(2 * N_START, -1),
             g_starts=gradients[:, size:].ravel(),
             cross=hessians[:, size:, :size].reshape(-1, size),
         )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Estimate:
+    """Unknowns with their cost, information and the status of the search."""
+
+    shared: np.ndarray
+    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
+    per_recording: Mapping[str, np.ndarray]
+    """(m,) [as `Unknowns.start`] unknowns that a recording has for itself, by its name."""
+    starts: tuple[SegmentStart, ...]
+    """Starts of the segments."""
+    cost: float
+    """Half the weighted squares."""
+    information: np.ndarray
+    """(n, n) [1 / unknowns^2] information on the shared unknowns, the others eliminated, priors
+    included.
+    """
+    status: FitStatus
+    """Reason for which the search ended."""
+    iterations: int
+    """Number of steps that were taken."""
+    assumed: np.ndarray | float = 0.0
+    """(n, n) [unknowns^2] covariance from other sources than noise: the step of the simulation and
+    assumed constants.
+    """
+
+
+class FitStatus(AdvisedStatus):
+    """Reason for which a fit ended."""
+
+    CONVERGED = "converged", "Look at what is not determined before numbers are used."
+    ITERATION_LIMIT = (
+        "iteration limit",
+        "Look at the recordings' doubts, learn less, or give shorter stretches.",
+    )
+    RUNS_AWAY = (
+        "runs away",
+        (
+            "The simulation is not finite where the search begins: look at times and units of the"
+            " recordings."
+        ),
+    )
+    STALLED = (
+        "stalled",
+        "No step lowers the cost: look at the recordings' doubts, and at starts and priors.",
+    )
+    NO_ANSWER = (
+        "no answer",
+        (
+            "No number is determined: look at the recordings' doubts, learn less, or record what"
+            " the report asks for."
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Noise:
+    """Standard deviations of measurements and of changes of state between segments."""
+
+    velocity: float = 0.02
+    """[m/s] of measured velocity, errors of the model included."""
+    rate: float = 0.05
+    """[rad/s] of angular velocity."""
+    vertical: float = 0.03
+    """[rad] of roll and pitch, of the vertical in B."""
+    process: float = 0.05
+    """[m/s, rad/s, rad] between the end of a segment and the beginning of the next."""
+    start: float = 0.1
+    """[m/s, rad/s, rad] between the start of a segment and the measurements there."""
+    outliers: float = 3.0
+    """Standard deviations beyond which the loss is linear."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SearchPoint:
+    """Iterate of a search: unknowns and starts."""
+
+    shared: np.ndarray
+    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
+    per_recording: tuple[np.ndarray, ...]
+    """(m,) [as `Unknowns.start`] of each recording: unknowns that it has for itself."""
+    starts: tuple[tuple[SegmentStart, ...], ...]
+    """Starts of the segments of each recording."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ProfilePenalty:
+    """Quadratic penalty that draws one number to a value, for profile likelihood.
+
+    Where a search ends, the number is a little off the value, and all else is where it is best for
+    the number as it is there.
+    """
+
+    number: Callable[[np.ndarray], tuple[float, np.ndarray]]
+    """Maps the unknowns (n,) [as `Unknowns.start`] to the number [any] and its slope (n,) [any per
+    unknown].
+    """
+    target: float
+    """[as the number] value to which it is drawn."""
+    sigma: float
+    """[as the number] deviation that costs a half."""
+
+    def cost(self, shared: np.ndarray) -> float:
+        """Compute the penalty [-] at the unknowns shared (n,) [as `Unknowns.start`]."""
+        value, _ = self.number(shared)
+        return ((value - self.target) / self.sigma) ** 2 / 2
+
+    def normal(self, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the part of the normal equations, (n, n) and (n,), that the penalty adds at the
+        unknowns shared (n,) [as `Unknowns.start`].
+        """
+        value, slope = self.number(shared)
+        H = np.outer(slope, slope) / self.sigma**2
+        g = slope * (value - self.target) / self.sigma**2
+        return H, g
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SegmentJob:
+    """A segment to be simulated."""
+
+    recording: int
+    """Index of its recording."""
+    segment: Segment
+    start: SegmentStart
+    unknowns: np.ndarray
+    """(n + m,) [as `Unknowns.start`] shared ones, then those of the recording."""
+
+
+def _measured_start(segment: Segment) -> SegmentStart:
+    """Return the start of a segment as it was measured."""
+    return SegmentStart(q=segment.q, v=segment.v)
+
+
+def difference(begin: SegmentStart, end: SegmentStart) -> np.ndarray:
+    """Compute the change (9,) [m/s, rad/s, rad] that moves one start to another."""
+    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(begin.q[3:]), end.q[3:]))
+    return np.concatenate([end.v - begin.v, np.asarray(turn).ravel()])

@@ -5,7 +5,7 @@ have priors, and the unknowns of a declaration in a row.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import casadi as ca
@@ -13,85 +13,140 @@ import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
-from uvms_ocp.identification.coordinates import (
-    Interval,
-    LinearDrag,
-    PositiveDefinite,
-    Positives,
-    QuadraticDrag,
-    QuantityCoordinates,
-    Reals,
-    second_moment,
-)
-from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.identification.coordinates import QuantityCoordinates
 from uvms_ocp.robot.thrusters import AXES as AXES
 from uvms_ocp.types import Positive
 
 DELAYS = ("delay", "velocity_delay")
 """Quantities that are times, from 0 to the longest."""
-LONGEST_DELAY = 1.0
-"""[s] of commands and of measurements."""
 AT_ONCE = 1e-6
 """[s] that stands for no delay at all."""
 All = None
 """All coordinates of a quantity."""
 _HELD = 1e-4  # [as start] deviation of what is held
-_SPEED = 0.3  # [m/s, rad/s] size that velocities have
-_SHORTEST_DELAY = 1e-3  # [s] from which a search for a delay of commands begins, at least
-_VELOCITY_DELAY = 0.01  # [s] from which a search for a delay of velocities begins, at least
-_XYZ = ("x", "y", "z")
-
-Pairs = tuple[tuple[int, int], ...]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Fixed:
-    """Status of a quantity that stays as declared."""
-
-    only: tuple[str, ...] | None = All
-    """Coordinates by their names; the others of the quantity stay as they were declared."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Free:
-    """Status of a quantity that the recordings alone determine."""
-
-    only: tuple[str, ...] | None = All
-    """Coordinates by their names; the others of the quantity stay as they were declared."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Bounded:
-    """Status of a quantity within bounds; for quantities whose coordinates are entries: not for
-    coupled matrices.
+@dataclass(frozen=True, slots=True, eq=False)
+class Unknowns:
+    """Unknowns theta (n,) that all recordings share, or kappa (m,) that each has for itself, of a
+    declaration.
     """
 
-    lower: float
-    """[unit of the quantity]"""
-    upper: float
-    """[unit of the quantity]"""
-    only: tuple[str, ...] | None = All
-    """Coordinates by their names; the others of the quantity stay as they were declared."""
+    declaration: Declaration
+    per_recording: bool = False
+    """True for kappa, the unknowns that each recording has for itself."""
 
-    def __post_init__(self) -> None:
-        """Check the bounds. Raises `InvalidInput` for bounds in the wrong order."""
-        if not self.lower < self.upper:
-            raise InvalidInput(
-                f"bounds {self.lower} and {self.upper} given; allowed: lower < upper"
-            )
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns, as ``added_mass surge``."""
+        names = []
+        for name, quantity in self._items():
+            for coordinate, is_free in zip(quantity.coordinates.names, quantity.free, strict=True):
+                if is_free:
+                    names.append(f"{name} {coordinate}".strip())
+        return tuple(names)
+
+    @property
+    def start(self) -> np.ndarray:
+        """(n,) [-, or the unit of the quantity] values at which a search begins."""
+        return self._free("x")
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(n,) [as start] standard deviations of priors, infinite without."""
+        return self._free("sigma")
+
+    @property
+    def lower(self) -> np.ndarray:
+        """(n,) [as start] lower bounds, minus infinity without."""
+        return self._free("lower")
+
+    @property
+    def upper(self) -> np.ndarray:
+        """(n,) [as start] upper bounds, infinite without."""
+        return self._free("upper")
+
+    def values(self, theta: ca.SX) -> dict[str, ca.SX]:
+        """Compute each quantity of this kind, by its name, at unknowns theta (n,) [as start]."""
+        quantities = {}
+        first = 0
+        for name, quantity in self._items():
+            n_free = int(quantity.free.sum())
+            x = ca.SX(ca.DM(quantity.x))
+            if n_free:
+                x[np.flatnonzero(quantity.free).tolist()] = theta[first : first + n_free]
+            quantities[name] = quantity.coordinates.decode(x)
+            first += n_free
+        return quantities
+
+    def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
+        """Return a copy with starts and priors about (n,) [as start]; wider: factor of their
+        deviations.
+        """
+        moved = self._with("x", about)
+        quantities = dict(moved.declaration.quantities)
+        for name, quantity in moved._items():
+            quantities[name] = replace(quantity, sigma=wider * quantity.sigma)
+        return Unknowns(Declaration(quantities=quantities), self.per_recording)
+
+    def held(self, which: np.ndarray) -> Unknowns:
+        """Return a copy that holds the unknowns of a mask which (n,) [bool] where they start."""
+        return self._with("sigma", np.where(which, _HELD, self.sigma))
+
+    def _with(self, column: str, values: np.ndarray) -> Unknowns:
+        """Return a copy with other values (n,) of a column of all unknowns."""
+        quantities = dict(self.declaration.quantities)
+        first = 0
+        for name, quantity in self._items():
+            n_free = int(quantity.free.sum())
+            changed = getattr(quantity, column).copy()
+            changed[quantity.free] = values[first : first + n_free]
+            quantities[name] = replace(quantity, **{column: changed})
+            first += n_free
+        return Unknowns(Declaration(quantities=quantities), self.per_recording)
+
+    def _free(self, column: str) -> np.ndarray:
+        """Return a column of all unknowns in a row."""
+        parts = [getattr(quantity, column)[quantity.free] for _, quantity in self._items()]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def _items(self) -> Iterator[tuple[str, Quantity]]:
+        """Yield the quantities of this kind by name: shared ones, or those of single recordings."""
+        for name, quantity in self.declaration.quantities.items():
+            if quantity.per_recording == self.per_recording:
+                yield name, quantity
 
 
-@checked_dataclass()
-class Prior:
-    """Status of a quantity with a prior about its start."""
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Declaration:
+    """Quantities of a vehicle by name; `vehicle_declaration` gives all of them."""
 
-    sigma: Positive
-    """Relative, for what must be positive; [unit of the quantity] for what may have any sign."""
-    only: tuple[str, ...] | None = All
-    """Coordinates by their names; the others of the quantity stay as they were declared."""
+    quantities: Mapping[str, Quantity]
 
+    def with_status(self, **status: ParameterStatus) -> Declaration:
+        """Return a copy in which these quantities have these statuses.
 
-ParameterStatus: TypeAlias = Fixed | Free | Bounded | Prior
+        Raises NameNotFound for a quantity that there is not, and InvalidInput.
+        """
+        changed = {}
+        for name, quantity_status in status.items():
+            changed[name] = self._quantity(name).with_status(quantity_status, name)
+        return Declaration(quantities={**self.quantities, **changed})
+
+    def with_start(self, **values: np.ndarray) -> Declaration:
+        """Return a copy whose quantities start at other values (...) [unit of the quantity].
+
+        Raises NameNotFound, InvalidInput.
+        """
+        changed = {}
+        for name, value in values.items():
+            quantity = self._quantity(name)
+            changed[name] = replace(quantity, x=quantity.coordinates.encode(value))
+        return Declaration(quantities={**self.quantities, **changed})
+
+    def _quantity(self, name: str) -> Quantity:
+        require_known("quantity", name, self.quantities)
+        return self.quantities[name]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -196,310 +251,51 @@ class Quantity:
         return lower, upper
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Declaration:
-    """Quantities of a vehicle by name; `vehicle_declaration` gives all of them."""
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Fixed:
+    """Status of a quantity that stays as declared."""
 
-    quantities: Mapping[str, Quantity]
-
-    def with_status(self, **status: ParameterStatus) -> Declaration:
-        """Return a copy in which these quantities have these statuses.
-
-        Raises NameNotFound for a quantity that there is not, and InvalidInput.
-        """
-        changed = {}
-        for name, quantity_status in status.items():
-            changed[name] = self._quantity(name).with_status(quantity_status, name)
-        return Declaration(quantities={**self.quantities, **changed})
-
-    def with_start(self, **values: np.ndarray) -> Declaration:
-        """Return a copy whose quantities start at other values (...) [unit of the quantity].
-
-        Raises NameNotFound, InvalidInput.
-        """
-        changed = {}
-        for name, value in values.items():
-            quantity = self._quantity(name)
-            changed[name] = replace(quantity, x=quantity.coordinates.encode(value))
-        return Declaration(quantities={**self.quantities, **changed})
-
-    def _quantity(self, name: str) -> Quantity:
-        require_known("quantity", name, self.quantities)
-        return self.quantities[name]
+    only: tuple[str, ...] | None = All
+    """Coordinates by their names; the others of the quantity stay as they were declared."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Unknowns:
-    """Unknowns theta (n,) that all recordings share, or kappa (m,) that each has for itself, of a
-    declaration.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Free:
+    """Status of a quantity that the recordings alone determine."""
+
+    only: tuple[str, ...] | None = All
+    """Coordinates by their names; the others of the quantity stay as they were declared."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bounded:
+    """Status of a quantity within bounds; for quantities whose coordinates are entries: not for
+    coupled matrices.
     """
 
-    declaration: Declaration
-    per_recording: bool = False
-    """True for kappa, the unknowns that each recording has for itself."""
+    lower: float
+    """[unit of the quantity]"""
+    upper: float
+    """[unit of the quantity]"""
+    only: tuple[str, ...] | None = All
+    """Coordinates by their names; the others of the quantity stay as they were declared."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the unknowns, as ``added_mass surge``."""
-        names = []
-        for name, quantity in self._items():
-            for coordinate, is_free in zip(quantity.coordinates.names, quantity.free, strict=True):
-                if is_free:
-                    names.append(f"{name} {coordinate}".strip())
-        return tuple(names)
-
-    @property
-    def start(self) -> np.ndarray:
-        """(n,) [-, or the unit of the quantity] values at which a search begins."""
-        return self._free("x")
-
-    @property
-    def sigma(self) -> np.ndarray:
-        """(n,) [as start] standard deviations of priors, infinite without."""
-        return self._free("sigma")
-
-    @property
-    def lower(self) -> np.ndarray:
-        """(n,) [as start] lower bounds, minus infinity without."""
-        return self._free("lower")
-
-    @property
-    def upper(self) -> np.ndarray:
-        """(n,) [as start] upper bounds, infinite without."""
-        return self._free("upper")
-
-    def values(self, theta: ca.SX) -> dict[str, ca.SX]:
-        """Compute each quantity of this kind, by its name, at unknowns theta (n,) [as start]."""
-        quantities = {}
-        first = 0
-        for name, quantity in self._items():
-            n_free = int(quantity.free.sum())
-            x = ca.SX(ca.DM(quantity.x))
-            if n_free:
-                x[np.flatnonzero(quantity.free).tolist()] = theta[first : first + n_free]
-            quantities[name] = quantity.coordinates.decode(x)
-            first += n_free
-        return quantities
-
-    def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
-        """Return a copy with starts and priors about (n,) [as start]; wider: factor of their
-        deviations.
-        """
-        moved = self._with("x", about)
-        quantities = dict(moved.declaration.quantities)
-        for name, quantity in moved._items():
-            quantities[name] = replace(quantity, sigma=wider * quantity.sigma)
-        return Unknowns(Declaration(quantities=quantities), self.per_recording)
-
-    def held(self, which: np.ndarray) -> Unknowns:
-        """Return a copy that holds the unknowns of a mask which (n,) [bool] where they start."""
-        return self._with("sigma", np.where(which, _HELD, self.sigma))
-
-    def _with(self, column: str, values: np.ndarray) -> Unknowns:
-        """Return a copy with other values (n,) of a column of all unknowns."""
-        quantities = dict(self.declaration.quantities)
-        first = 0
-        for name, quantity in self._items():
-            n_free = int(quantity.free.sum())
-            changed = getattr(quantity, column).copy()
-            changed[quantity.free] = values[first : first + n_free]
-            quantities[name] = replace(quantity, **{column: changed})
-            first += n_free
-        return Unknowns(Declaration(quantities=quantities), self.per_recording)
-
-    def _free(self, column: str) -> np.ndarray:
-        """Return a column of all unknowns in a row."""
-        parts = [getattr(quantity, column)[quantity.free] for _, quantity in self._items()]
-        return np.concatenate([np.zeros(0), *parts])
-
-    def _items(self) -> Iterator[tuple[str, Quantity]]:
-        """Yield the quantities of this kind by name: shared ones, or those of single recordings."""
-        for name, quantity in self.declaration.quantities.items():
-            if quantity.per_recording == self.per_recording:
-                yield name, quantity
+    def __post_init__(self) -> None:
+        """Check the bounds. Raises `InvalidInput` for bounds in the wrong order."""
+        if not self.lower < self.upper:
+            raise InvalidInput(
+                f"bounds {self.lower} and {self.upper} given; allowed: lower < upper"
+            )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ActuatorModel:
-    """Actuators of the vehicle: thrusters, or the wrench as commanded."""
+@checked_dataclass()
+class Prior:
+    """Status of a quantity with a prior about its start."""
 
-    names: tuple[str, ...] = AXES
-    """(n,) of the actuators."""
-    wrench: np.ndarray = field(default_factory=lambda: np.eye(6))
-    """(6, n) [-, m] per unit of each actuator, linear rows first."""
-    allocation: np.ndarray = field(default_factory=lambda: np.eye(6))
-    """(n, m) [-, 1/m] command of each actuator per unit of the recorded commands."""
-    lag: float = 0.1
-    """[s] time constant of all of them."""
-    dead_zone: float = 1e-3
-    """[N, N m] below which nothing comes of a command."""
-    whole_beyond: bool = False
-    """True where a command beyond it acts in full, as for thrusters of robot files; else the size
-    of the dead zone is missing.
-    """
-    delay: float = 0.1
-    """[s] between a command and its effect, lag aside."""
-    commands: str = ""
-    """Channel of a recording that has them; empty for the only one that a recording has."""
+    sigma: Positive
+    """Relative, for what must be positive; [unit of the quantity] for what may have any sign."""
+    only: tuple[str, ...] | None = All
+    """Coordinates by their names; the others of the quantity stay as they were declared."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class AxisCouplings:
-    """Pairs of axes that may act on each other."""
-
-    added_mass: Pairs = ()
-    """In any order."""
-    linear_drag: Pairs = ()
-    """In any order."""
-    quadratic_drag: Pairs = ()
-    """Row and column: the force on the first axis from the motion of the second."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class NominalParameters:
-    """Nominal numbers of the vehicle, where the search begins and by which coordinates are scaled;
-    positive for each axis.
-    """
-
-    mass: float
-    """[kg]"""
-    centre_of_mass: np.ndarray
-    """(3,) [m] in the frame of the vehicle's joint."""
-    inertia: np.ndarray
-    """(3, 3) [kg m2] about the centre of mass."""
-    volume: float
-    """[m3]"""
-    centre_of_buoyancy: np.ndarray
-    """(3,) [m] in the frame of the coefficients."""
-    added_mass: np.ndarray
-    """(6, 6) [kg, kg m, kg m2]"""
-    linear_drag: np.ndarray
-    """(6, 6) [N/(m/s), N m/(rad/s)]"""
-    quadratic_drag: np.ndarray
-    """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
-
-    @staticmethod
-    def of(dynamics: SymbolicDynamics, link: int = 0) -> NominalParameters:
-        """Read them from the model: of a link in water, and of the joint body that carries it."""
-        wet = dynamics.links[link]
-        body = dynamics.model.inertias[dynamics.joint_of(link)]
-        return NominalParameters(
-            mass=float(body.mass),
-            centre_of_mass=np.asarray(body.lever),
-            inertia=np.asarray(body.inertia),
-            volume=float(wet.volume),
-            centre_of_buoyancy=wet.p_LB,
-            added_mass=wet.added_mass,
-            linear_drag=wet.linear_drag,
-            quadratic_drag=wet.quadratic_drag,
-        )
-
-
-def vehicle_declaration(
-    start: NominalParameters,
-    hull: np.ndarray,
-    actuators: ActuatorModel | None = None,
-    couplings: AxisCouplings | None = None,
-    velocity_delay: float = 0.0,
-) -> Declaration:
-    """Declare every quantity of a vehicle as fixed; `Declaration.with_status` frees some.
-
-    hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the
-    coefficients. velocity_delay: [s] of measured velocity. Raises InvalidInput for numbers that no
-    vehicle has.
-    """
-    return Declaration(
-        quantities={
-            **_body(start, hull),
-            **_water(start, couplings or AxisCouplings()),
-            **_actuation(actuators or ActuatorModel()),
-            **_sensing(velocity_delay),
-        }
-    )
-
-
-def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
-    S = second_moment(start.inertia)
-    moments = PositiveDefinite(
-        axes=_XYZ, scale=np.sqrt(np.diag(S)), couplings=((0, 1), (0, 2), (1, 2))
-    )
-    box = Interval(
-        names=_XYZ, lower=np.asarray(hull[0], dtype=float), upper=np.asarray(hull[1], dtype=float)
-    )
-    return {
-        "mass": Quantity.fixed("kg", Positives(names=("",)), np.array([start.mass])),
-        "centre_of_mass": Quantity.fixed("m", Reals(names=_XYZ), start.centre_of_mass),
-        "second_moment": Quantity.fixed("kg m2", moments, S),
-        "volume": Quantity.fixed("m3", Positives(names=("",)), np.array([start.volume])),
-        "centre_of_buoyancy": Quantity.fixed("m", box, start.centre_of_buoyancy),
-    }
-
-
-def _water(start: NominalParameters, coupled: AxisCouplings) -> dict[str, Quantity]:
-    added = PositiveDefinite(
-        axes=AXES,
-        scale=np.sqrt(np.diag(start.added_mass)),
-        couplings=coupled.added_mass,
-    )
-    symmetric = PositiveDefinite(
-        axes=AXES,
-        scale=np.sqrt(np.diag(start.linear_drag)),
-        couplings=coupled.linear_drag,
-    )
-    linear = LinearDrag(symmetric=symmetric)
-    quadratic = QuadraticDrag(
-        axes=AXES,
-        scale=np.diag(start.quadratic_drag),
-        speed=np.full(6, _SPEED),
-        couplings=coupled.quadratic_drag,
-    )
-    return {
-        "added_mass": Quantity.fixed("kg, kg m, kg m2", added, start.added_mass),
-        "linear_drag": Quantity.fixed("N/(m/s), N m/(rad/s)", linear, start.linear_drag),
-        "quadratic_drag": Quantity.fixed(
-            "N/(m/s)^2, N m/(rad/s)^2", quadratic, start.quadratic_drag
-        ),
-    }
-
-
-def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
-    positives = Positives(names=driven.names)
-    ones = np.ones(len(driven.names))
-    return {
-        "gain": Quantity.fixed("-", positives, ones),
-        "reverse": Quantity.fixed("-", positives, ones),
-        "lag": Quantity.fixed("s", Positives(names=("",)), np.array([driven.lag])),
-        "dead_zone": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
-        "dead_zone_reverse": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
-        "bias": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6)),
-        "delay": _delay(driven.delay, begin=max(driven.delay, _SHORTEST_DELAY)),
-    }
-
-
-def _sensing(velocity_delay: float) -> dict[str, Quantity]:
-    """Declare the sensors; that of attitude and its rate sits in B turned by a rotation vector, to
-    which each recording adds an offset.
-
-    A recording has for itself, too, its current, a force that nobody knows, and the bias of its
-    gyro.
-    """
-    return {
-        "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
-        "velocity_delay": _delay(velocity_delay, begin=max(velocity_delay, _VELOCITY_DELAY)),
-        "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
-        "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), per_recording=True),
-        "wrench_offset": Quantity.fixed(
-            "N, N m", Reals(names=AXES), np.zeros(6), per_recording=True
-        ),
-        "attitude_offset": Quantity.fixed(
-            "rad", Reals(names=_XYZ), np.zeros(3), per_recording=True
-        ),
-        "rate_bias": Quantity.fixed("rad/s", Reals(names=_XYZ), np.zeros(3), per_recording=True),
-    }
-
-
-def _delay(delay: float, begin: float) -> Quantity:
-    """Make a quantity fixed at a delay [s], of which a search begins at `begin` [s]."""
-    inside = Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))
-    quantity = Quantity.fixed("s", inside, np.array([max(delay, AT_ONCE)]))
-    return replace(quantity, begin=inside.encode(np.array([begin])))
+ParameterStatus: TypeAlias = Fixed | Free | Bounded | Prior

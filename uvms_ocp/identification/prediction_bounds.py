@@ -14,9 +14,10 @@ from time import perf_counter
 
 import numpy as np
 
-from uvms_ocp.identification.fit import FitContext, Predictor, resumed_search
+from uvms_ocp.identification.fit import FitContext, resumed_search
 from uvms_ocp.identification.output_error import FitStatus
-from uvms_ocp.identification.rollout import PreparedRecording
+from uvms_ocp.identification.predictor import Predictor
+from uvms_ocp.identification.segments import PreparedRecording
 
 TOGETHER = "one vehicle that has seen them"
 ALONE = "each by a vehicle of its own"

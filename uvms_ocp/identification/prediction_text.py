@@ -9,6 +9,7 @@ import numpy as np
 
 from uvms_ocp.identification import report_prose
 from uvms_ocp.identification.prediction_bounds import ALONE, TOGETHER, PredictionBounds
+from uvms_ocp.identification.prediction_errors import errors
 from uvms_ocp.identification.prediction_verdict import (
     DIFFERENT,
     FITTED_CHANNELS,
@@ -20,7 +21,7 @@ from uvms_ocp.identification.prediction_verdict import (
     judge_predictions,
 )
 from uvms_ocp.identification.still_comparison import EQUAL_WITHIN, WorseThanStill
-from uvms_ocp.identification.validation import OTHERS, HeldOutRecording, errors
+from uvms_ocp.identification.validation import OTHERS, HeldOutRecording
 
 
 def prediction_lines(

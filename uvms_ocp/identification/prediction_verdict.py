@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.errors import AdvisedStatus
-from uvms_ocp.identification.fit import Predicted, fit_percent
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.prediction_bounds import ALONE, TOGETHER
+from uvms_ocp.identification.predictor import Predicted, fit_percent
 from uvms_ocp.identification.still_comparison import CHANNEL_UNITS, WorseThanStill
 from uvms_ocp.identification.validation import OTHERS, HeldOutRecording, HorizonPrediction
 

@@ -13,10 +13,11 @@ import numpy as np
 
 from uvms_ocp.identification import recording as recordings
 from uvms_ocp.identification.gravity_checks import G
-from uvms_ocp.identification.recording import (
-    Channel,
-    Recording,
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import (
+    GRID,
     angular_rate,
+    interpolated,
     rotations,
     smoothed,
 )
@@ -34,7 +35,7 @@ from uvms_ocp.identification.series_agreement import (
     offset,
 )
 
-_INSIDE = slice(round(WINDOW / recordings.GRID), -round(WINDOW / recordings.GRID))
+_INSIDE = slice(round(WINDOW / GRID), -round(WINDOW / GRID))
 """Smoothed samples whose window is whole."""
 # of the motion that a way to read axes must explain: at least, and as magnitudes agree
 _HALF = 0.5
@@ -201,9 +202,9 @@ def _aligned(recording: Recording, name: str, reference: _Reference) -> _Aligned
     t, values = smoothed(channel.undelayed_t, channel.values, WINDOW)
     if name == "specific_force":  # whose mean is gravity
         deviations = values - values.mean(axis=0)
-        return _AlignedChannel(recordings.interpolated(reference.t, t, deviations))
+        return _AlignedChannel(interpolated(reference.t, t, deviations))
     delay, is_constant = offset(reference.t, reference.body, t, values)
-    shifted = recordings.interpolated(reference.t + delay, t, values)
+    shifted = interpolated(reference.t + delay, t, values)
     factor = float(np.linalg.norm(shifted) / np.linalg.norm(reference.body))
     return _AlignedChannel(shifted / factor, delay, is_constant, factor)
 

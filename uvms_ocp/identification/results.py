@@ -17,20 +17,20 @@ from uvms_ocp.identification import (
     experiment_design,
     parameters,
     report_prose,
-    uncertainty,
 )
 from uvms_ocp.identification.advice import advice
 from uvms_ocp.identification.calibration import Calibration
 from uvms_ocp.identification.calibration_robot import SHAPE_SPREADS, shape_of
 from uvms_ocp.identification.fit_tables import fits, left_out_tables
 from uvms_ocp.identification.held_constants import HeldConstant
+from uvms_ocp.identification.identified_numbers import DETERMINED_BELOW, MISSES, IdentifiedNumber
 from uvms_ocp.identification.prediction_text import (
     prediction_data,
     prediction_lines,
     shortfall_data,
 )
 from uvms_ocp.identification.robot_variant import IN_FILE
-from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
+from uvms_ocp.identification.whiteness import LEAST_P, LEVEL
 
 _OF_FILE = ("mass", "centre_of_mass", "second_moment", "dead_zone", "dead_zone_reverse")
 """Quantities that settings or a robot file give."""
@@ -124,7 +124,7 @@ def _number_table(calibration: Calibration) -> Iterator[str]:
         status=calibration.status,
         inflation=calibration.inflation,
         below=100 * DETERMINED_BELOW,
-        most=uncertainty.MISSES,
+        most=MISSES,
     )
     missed = [test.channel for test in calibration.whiteness if test.unexplained]
     if missed:

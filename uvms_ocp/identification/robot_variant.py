@@ -17,7 +17,7 @@ import yaml
 from uvms_ocp.checks import checked
 from uvms_ocp.identification.calibration import Calibration
 from uvms_ocp.identification.calibration_robot import shape_of
-from uvms_ocp.identification.uncertainty import IdentifiedNumber
+from uvms_ocp.identification.identified_numbers import IdentifiedNumber
 from uvms_ocp.robot.description import read_description
 
 IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy")

@@ -12,9 +12,8 @@ from uvms_ocp.identification.recording import (
     SECONDS,
     Channel,
     Recording,
-    angular_rate,
-    smoothed,
 )
+from uvms_ocp.identification.resampling import angular_rate, smoothed
 from uvms_ocp.identification.series_agreement import DEAD, MOVES, WINDOW
 
 _SHORTEST_RECORDING = 5.0  # [s] which all channels must have in common

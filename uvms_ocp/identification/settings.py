@@ -25,12 +25,13 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import fit, output_error, parameters
 from uvms_ocp.identification.parameters import ParameterStatus
+from uvms_ocp.identification.vehicle_declaration import LONGEST_DELAY
 from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.yaml_file import read_yaml_as
 
 _Positive = Annotated[float, Field(gt=0.0)]
 _NonNegative = Annotated[float, Field(ge=0.0)]
-_Delay = Annotated[float, Field(ge=0.0, lt=parameters.LONGEST_DELAY)]
+_Delay = Annotated[float, Field(ge=0.0, lt=LONGEST_DELAY)]
 _Corner = tuple[float, float, float]
 _Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
 _NOISE = output_error.Noise()
@@ -74,7 +75,7 @@ class NoiseSettings(_SettingsSection):
     vertical: _Positive = _NOISE.vertical
     """[-] of W's vertical in B"""
     process: _Positive = _NOISE.process
-    """[m/s, rad/s, rad] between stretches"""
+    """[m/s, rad/s, rad] between segments"""
 
 
 @one_line_errors
@@ -107,8 +108,8 @@ class CalibrationSettings(_SettingsSection):
     """of sensors"""
     step: _Positive = _SEARCH.step
     """of the simulation [s]"""
-    stretch: _Positive = _SEARCH.stretch
-    """length of stretches [s]"""
+    stretch: _Positive = _SEARCH.segment_length
+    """length of segments [s]"""
 
 
 @checked

@@ -13,7 +13,7 @@ from uvms_ocp.identification.calibration_robot import CalibratedRobot
 from uvms_ocp.identification.data_quality import QualityIssue
 from uvms_ocp.identification.mixed_thrusters import mixed_thrusters
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.rollout import POSE_INTERVAL
+from uvms_ocp.identification.segments import POSE_INTERVAL
 from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 

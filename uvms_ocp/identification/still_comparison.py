@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.identification.fit import Predicted
+from uvms_ocp.identification.predictor import Predicted
 
 CHANNEL_UNITS = {
     "surge": "m/s",

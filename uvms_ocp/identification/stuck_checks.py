@@ -8,12 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from uvms_ocp.identification.recording import (
-    CHANNEL_KINDS,
-    Recording,
-    angular_rate,
-    smoothed,
-)
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
+from uvms_ocp.identification.resampling import angular_rate, smoothed
 from uvms_ocp.identification.series_agreement import WINDOW
 
 LONG = 2.0  # [s] for which no sensor of what moves repeats itself

@@ -12,6 +12,8 @@ from uvms_ocp.identification.recording import (
     CHANNEL_KINDS,
     Channel,
     Recording,
+)
+from uvms_ocp.identification.resampling import (
     angular_rate,
     rotations,
     smoothed,

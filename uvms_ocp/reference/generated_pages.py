@@ -17,6 +17,11 @@ from uvms_ocp import cli
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import AdvisedStatus
 from uvms_ocp.identification import channel_mapping, parameters, recording, settings
+from uvms_ocp.identification.vehicle_declaration import (
+    ActuatorModel,
+    NominalParameters,
+    vehicle_declaration,
+)
 from uvms_ocp.record.tables import series_markdown
 from uvms_ocp.robot.description import RobotDescription
 
@@ -141,7 +146,7 @@ def _learnable_quantities() -> Mapping[str, parameters.Quantity]:
     """Return the quantities of any vehicle that can be learnt; coordinates of actuators are their
     names.
     """
-    start = parameters.NominalParameters(
+    start = NominalParameters(
         mass=1.0,
         centre_of_mass=np.zeros(3),
         inertia=np.eye(3),
@@ -152,8 +157,8 @@ def _learnable_quantities() -> Mapping[str, parameters.Quantity]:
         quadratic_drag=np.eye(6),
     )
     hull = np.array([-np.ones(3), np.ones(3)])
-    actuators = parameters.ActuatorModel(names=("thrusters",))
-    return parameters.vehicle_declaration(start, hull, actuators).quantities
+    actuators = ActuatorModel(names=("thrusters",))
+    return vehicle_declaration(start, hull, actuators).quantities
 
 
 def _statuses() -> Iterator[str]:

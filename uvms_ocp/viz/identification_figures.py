@@ -13,14 +13,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uvms_ocp.identification.calibration import Calibration, Comparison
+from uvms_ocp.identification.identified_numbers import INTERVAL
 from uvms_ocp.identification.parameters import AXES
-from uvms_ocp.identification.uncertainty import CHANNELS, INTERVAL, LEAST_P, Whiteness
-from uvms_ocp.identification.validation import (
-    SCORED,
-    HeldOutRecording,
-    HorizonPrediction,
-    Profile,
-    errors,
+from uvms_ocp.identification.prediction_errors import SCORED, errors
+from uvms_ocp.identification.profiles import Profile
+from uvms_ocp.identification.validation import HeldOutRecording, HorizonPrediction
+from uvms_ocp.identification.whiteness import (
+    CHANNELS,
+    LEAST_P,
+    Whiteness,
 )
 from uvms_ocp.viz import layout, series, style
 from uvms_ocp.viz.colours import BLACK, BLUE, FADED, GREEN, ORANGE, THRESHOLD, VERMILLION

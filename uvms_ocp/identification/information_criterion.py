@@ -1,0 +1,90 @@
+"""Scalar criterion of the Fisher information of an experiment, with its slope.
+
+The information is that of sensors which see every step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_ocp.identification import output_error
+from uvms_ocp.identification.trajectory_simulator import ExperimentTrajectory
+
+_NOTHING = 1e-6  # [1 / unknowns^2] what is known of an unknown without a prior
+_SHARP = 20.0
+"""Power of standard errors whose mean counts: 0 would make all count alike, more and more the worst
+alone.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class InformationCriterion:
+    """Scalar criterion of the Fisher information of an experiment."""
+
+    slopes: np.ndarray
+    """(m, n_p) [units of numbers, per unknown] of the numbers that matter."""
+    prior_information: np.ndarray
+    """(n_p, n_p) [1 / unknowns^2] of priors, and of recordings that there are."""
+    noise: output_error.Noise
+    """Standard deviations of the sensors."""
+    rate: float
+    """[Hz] of the sensors."""
+
+    def weights(self, h: float) -> np.ndarray:
+        """Compute weights (9,) [1 / unit^2] of the outputs, in steps of h [s]."""
+        sigma = np.repeat([self.noise.velocity, self.noise.rate, self.noise.vertical], 3)
+        return self.rate * h / sigma**2
+
+    def information(self, trajectory: ExperimentTrajectory, h: float) -> np.ndarray:
+        """Compute the information (n_p, n_p) [1 / unknowns^2] of a trajectory alone, in steps h
+        [s].
+        """
+        weighted = trajectory.J * np.sqrt(self.weights(h))[:, None]
+        J = weighted.reshape(-1, trajectory.J.shape[-1])
+        return np.asarray(J.T @ J)
+
+    def figure(
+        self, trajectory: ExperimentTrajectory, h: float, targets: np.ndarray
+    ) -> tuple[float, np.ndarray]:
+        """Compute the logarithm of the numbers' standard errors over targets (m,) [units of
+        numbers], in which those farthest off count most.
+
+        With its slope with J (n + 1, 9, n_p); steps h [s].
+        """
+        covariances = self.slopes @ self.covariance(self.information(trajectory, h))
+        variances = np.maximum(np.einsum("ij,ij->i", covariances, self.slopes), 1e-300)
+        value, share = _softly_largest(np.log(variances) / 2 - np.log(targets))
+        by_information = -np.einsum(
+            "ij,ik,i->jk", covariances, covariances, 0.5 * share / variances
+        )
+        return value, 2.0 * self.weights(h)[:, None] * (trajectory.J @ by_information)
+
+    def deviations(self, information: np.ndarray) -> np.ndarray:
+        """Compute standard errors (m,) [units of numbers] after recordings of some information
+        (n_p, n_p) [1 / unknowns^2].
+        """
+        covariance = self.covariance(information)
+        variances = np.einsum("ij,jk,ik->i", self.slopes, covariance, self.slopes)
+        return np.asarray(np.sqrt(variances))
+
+    def covariance(self, information: np.ndarray) -> np.ndarray:
+        """Compute the covariance (n_p, n_p) [unknowns^2] after recordings of some information (n_p,
+        n_p) [1 / unknowns^2].
+        """
+        known_of_all = _NOTHING * np.eye(len(self.prior_information))
+        total = information + self.prior_information + known_of_all
+        # Unknowns differ by powers of ten in what is known of them.
+        scale = 1.0 / np.sqrt(np.diag(total))
+        return np.asarray(scale[:, None] * np.linalg.inv(total * np.outer(scale, scale)) * scale)
+
+
+def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
+    """Compute a smooth maximum of values (m,), between their mean and the largest, with its slope
+    (m,).
+    """
+    largest = float(values.max())
+    exponentials = np.exp(_SHARP * (values - largest))
+    smooth_maximum = largest + float(np.log(exponentials.mean())) / _SHARP
+    return smooth_maximum, exponentials / exponentials.sum()

@@ -1,0 +1,33 @@
+"""Measure how far predictions are off, channel by channel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uvms_ocp.identification import parameters
+from uvms_ocp.identification.predictor import Predicted
+
+SCORED = (*parameters.AXES, "tilt")
+"""[m/s, rad/s, deg] channels whose errors are reported."""
+
+
+def errors(predicted: Predicted) -> np.ndarray:
+    """Compute (7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle
+    between verticals.
+    """
+    moving = [root_mean_square(predicted.rows[k] - predicted.measured[k]) for k in range(2)]
+    return np.concatenate([*moving, root_mean_square(np.rad2deg(tilts(predicted))[:, None])])
+
+
+def tilts(predicted: Predicted) -> np.ndarray:
+    """Compute angles (m,) [rad] between the vertical in B as predicted and as seen."""
+    rows = predicted.rows[2]
+    measured = predicted.measured[2]
+    return np.arctan2(
+        np.linalg.norm(np.cross(rows, measured), axis=1), (rows * measured).sum(axis=1)
+    )
+
+
+def root_mean_square(values: np.ndarray) -> np.ndarray:
+    """Compute root mean squares (k,) [as values] of each column of values (m, k) [any]."""
+    return np.asarray(np.sqrt((values**2).mean(axis=0)))

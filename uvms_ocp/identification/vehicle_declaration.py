@@ -1,0 +1,220 @@
+"""Declare every quantity of a vehicle: body, water, actuators and sensors, with their units and
+coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from uvms_ocp.identification.coordinates import (
+    Interval,
+    LinearDrag,
+    PositiveDefinite,
+    Positives,
+    QuadraticDrag,
+    Reals,
+    second_moment,
+)
+from uvms_ocp.identification.parameters import (
+    AT_ONCE,
+    Declaration,
+    Quantity,
+)
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot.thrusters import AXES as AXES
+
+LONGEST_DELAY = 1.0
+"""[s] of commands and of measurements."""
+_SPEED = 0.3  # [m/s, rad/s] size that velocities have
+_SHORTEST_DELAY = 1e-3  # [s] from which a search for a delay of commands begins, at least
+_VELOCITY_DELAY = 0.01  # [s] from which a search for a delay of velocities begins, at least
+_XYZ = ("x", "y", "z")
+Pairs = tuple[tuple[int, int], ...]
+
+
+def vehicle_declaration(
+    start: NominalParameters,
+    hull: np.ndarray,
+    actuators: ActuatorModel | None = None,
+    couplings: AxisCouplings | None = None,
+    velocity_delay: float = 0.0,
+) -> Declaration:
+    """Declare every quantity of a vehicle as fixed; `Declaration.with_status` frees some.
+
+    hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the
+    coefficients. velocity_delay: [s] of measured velocity. Raises InvalidInput for numbers that no
+    vehicle has.
+    """
+    return Declaration(
+        quantities={
+            **_body(start, hull),
+            **_water(start, couplings or AxisCouplings()),
+            **_actuation(actuators or ActuatorModel()),
+            **_sensing(velocity_delay),
+        }
+    )
+
+
+def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
+    S = second_moment(start.inertia)
+    moments = PositiveDefinite(
+        axes=_XYZ, scale=np.sqrt(np.diag(S)), couplings=((0, 1), (0, 2), (1, 2))
+    )
+    box = Interval(
+        names=_XYZ, lower=np.asarray(hull[0], dtype=float), upper=np.asarray(hull[1], dtype=float)
+    )
+    return {
+        "mass": Quantity.fixed("kg", Positives(names=("",)), np.array([start.mass])),
+        "centre_of_mass": Quantity.fixed("m", Reals(names=_XYZ), start.centre_of_mass),
+        "second_moment": Quantity.fixed("kg m2", moments, S),
+        "volume": Quantity.fixed("m3", Positives(names=("",)), np.array([start.volume])),
+        "centre_of_buoyancy": Quantity.fixed("m", box, start.centre_of_buoyancy),
+    }
+
+
+def _water(start: NominalParameters, coupled: AxisCouplings) -> dict[str, Quantity]:
+    added = PositiveDefinite(
+        axes=AXES,
+        scale=np.sqrt(np.diag(start.added_mass)),
+        couplings=coupled.added_mass,
+    )
+    symmetric = PositiveDefinite(
+        axes=AXES,
+        scale=np.sqrt(np.diag(start.linear_drag)),
+        couplings=coupled.linear_drag,
+    )
+    linear = LinearDrag(symmetric=symmetric)
+    quadratic = QuadraticDrag(
+        axes=AXES,
+        scale=np.diag(start.quadratic_drag),
+        speed=np.full(6, _SPEED),
+        couplings=coupled.quadratic_drag,
+    )
+    return {
+        "added_mass": Quantity.fixed("kg, kg m, kg m2", added, start.added_mass),
+        "linear_drag": Quantity.fixed("N/(m/s), N m/(rad/s)", linear, start.linear_drag),
+        "quadratic_drag": Quantity.fixed(
+            "N/(m/s)^2, N m/(rad/s)^2", quadratic, start.quadratic_drag
+        ),
+    }
+
+
+def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
+    positives = Positives(names=driven.names)
+    ones = np.ones(len(driven.names))
+    return {
+        "gain": Quantity.fixed("-", positives, ones),
+        "reverse": Quantity.fixed("-", positives, ones),
+        "lag": Quantity.fixed("s", Positives(names=("",)), np.array([driven.lag])),
+        "dead_zone": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
+        "dead_zone_reverse": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
+        "bias": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6)),
+        "delay": _delay(driven.delay, begin=max(driven.delay, _SHORTEST_DELAY)),
+    }
+
+
+def _sensing(velocity_delay: float) -> dict[str, Quantity]:
+    """Declare the sensors; that of attitude and its rate sits in B turned by a rotation vector, to
+    which each recording adds an offset.
+
+    A recording has for itself, too, its current, a force that nobody knows, and the bias of its
+    gyro.
+    """
+    return {
+        "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
+        "velocity_delay": _delay(velocity_delay, begin=max(velocity_delay, _VELOCITY_DELAY)),
+        "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
+        "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), per_recording=True),
+        "wrench_offset": Quantity.fixed(
+            "N, N m", Reals(names=AXES), np.zeros(6), per_recording=True
+        ),
+        "attitude_offset": Quantity.fixed(
+            "rad", Reals(names=_XYZ), np.zeros(3), per_recording=True
+        ),
+        "rate_bias": Quantity.fixed("rad/s", Reals(names=_XYZ), np.zeros(3), per_recording=True),
+    }
+
+
+def _delay(delay: float, begin: float) -> Quantity:
+    """Make a quantity fixed at a delay [s], of which a search begins at `begin` [s]."""
+    inside = Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))
+    quantity = Quantity.fixed("s", inside, np.array([max(delay, AT_ONCE)]))
+    return replace(quantity, begin=inside.encode(np.array([begin])))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NominalParameters:
+    """Nominal numbers of the vehicle, where the search begins and by which coordinates are scaled;
+    positive for each axis.
+    """
+
+    mass: float
+    """[kg]"""
+    centre_of_mass: np.ndarray
+    """(3,) [m] in the frame of the vehicle's joint."""
+    inertia: np.ndarray
+    """(3, 3) [kg m2] about the centre of mass."""
+    volume: float
+    """[m3]"""
+    centre_of_buoyancy: np.ndarray
+    """(3,) [m] in the frame of the coefficients."""
+    added_mass: np.ndarray
+    """(6, 6) [kg, kg m, kg m2]"""
+    linear_drag: np.ndarray
+    """(6, 6) [N/(m/s), N m/(rad/s)]"""
+    quadratic_drag: np.ndarray
+    """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
+
+    @staticmethod
+    def of(dynamics: SymbolicDynamics, link: int = 0) -> NominalParameters:
+        """Read them from the model: of a link in water, and of the joint body that carries it."""
+        wet = dynamics.links[link]
+        body = dynamics.model.inertias[dynamics.joint_of(link)]
+        return NominalParameters(
+            mass=float(body.mass),
+            centre_of_mass=np.asarray(body.lever),
+            inertia=np.asarray(body.inertia),
+            volume=float(wet.volume),
+            centre_of_buoyancy=wet.p_LB,
+            added_mass=wet.added_mass,
+            linear_drag=wet.linear_drag,
+            quadratic_drag=wet.quadratic_drag,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ActuatorModel:
+    """Actuators of the vehicle: thrusters, or the wrench as commanded."""
+
+    names: tuple[str, ...] = AXES
+    """(n,) of the actuators."""
+    wrench: np.ndarray = field(default_factory=lambda: np.eye(6))
+    """(6, n) [-, m] per unit of each actuator, linear rows first."""
+    allocation: np.ndarray = field(default_factory=lambda: np.eye(6))
+    """(n, m) [-, 1/m] command of each actuator per unit of the recorded commands."""
+    lag: float = 0.1
+    """[s] time constant of all of them."""
+    dead_zone: float = 1e-3
+    """[N, N m] below which nothing comes of a command."""
+    whole_beyond: bool = False
+    """True where a command beyond it acts in full, as for thrusters of robot files; else the size
+    of the dead zone is missing.
+    """
+    delay: float = 0.1
+    """[s] between a command and its effect, lag aside."""
+    commands: str = ""
+    """Channel of a recording that has them; empty for the only one that a recording has."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class AxisCouplings:
+    """Pairs of axes that may act on each other."""
+
+    added_mass: Pairs = ()
+    """In any order."""
+    linear_drag: Pairs = ()
+    """In any order."""
+    quadratic_drag: Pairs = ()
+    """Row and column: the force on the first axis from the motion of the second."""
