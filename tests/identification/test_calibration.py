@@ -337,7 +337,7 @@ def test_what_twice_the_noise_changes_is_what_a_fit_with_it_finds() -> None:
         number.name: abs(two.value - number.value) / number.sigma
         for number, two in zip(alone, calibration.numbers, strict=True)
     }
-    assert moved[said.most] == pytest.approx(
+    assert moved[said.most_changed] == pytest.approx(
         said.change, rel=0.25
     )  # of errors with what the step of the simulation adds
     assert max(moved.values()) < 1.3 * said.change

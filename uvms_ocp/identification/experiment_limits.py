@@ -15,7 +15,7 @@ from uvms_ocp.types import Array, Shape
 
 @checked_dataclass(checked_constructor, eq=False)
 class ExperimentLimits:
-    """Limits of commands and motion. Raises InvalidInput for limits that the start already
+    """Limits of commands and motion. Raises InvalidInput for limits that are none, or that the start
     violates.
     """
 
@@ -30,12 +30,12 @@ class ExperimentLimits:
     alone.
     """
     slew: float = np.inf
-    """[N/s, N m/s] by which a command may change."""
+    """[N/s, N m/s] largest rate at which a command may change."""
     tilt: float = 0.7
-    """[rad] between the vehicle's z axis and W's."""
+    """[rad] largest angle between the vehicle's z axis and W's."""
     margin: float = 0.1
-    """Share of the pool's half width and of the tilt that is kept free: other numbers lead
-    elsewhere.
+    """Share of the pool's half width and of the tilt that is kept free, as a vehicle with other numbers
+    goes elsewhere.
     """
 
     def __post_init__(self) -> None:
@@ -61,7 +61,7 @@ class ExperimentLimits:
 
     @property
     def room(self) -> np.ndarray:
-        """(3,) [m] that the vehicle can go either way before the hull, turned as at first, comes to
+        """(3,) [m] that the vehicle can go either way along each axis before its hull, unturned, comes to
         a wall.
         """
         return np.asarray(((self.pool - self.hull) * [[-1.0], [1.0]]).min(axis=0))
@@ -87,8 +87,8 @@ class ExperimentLimits:
         return limited
 
     def after(self, before: np.ndarray, command: np.ndarray, step: float) -> np.ndarray:
-        """Return the possible command (n_u,) [N, N m] nearest to command (n_u,) [N, N m], a step
-        [s] after before (n_u,) [N, N m].
+        """Return the allowed command nearest to `command`, a step [s] after the command `before`; all
+        (n_u,) [N, N m].
         """
         largest_change = self.slew * step
         within_thrust = np.clip(command, *self.thrust.T)
@@ -96,40 +96,43 @@ class ExperimentLimits:
 
     def beyond(self, x: np.ndarray, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Compute by how much states x (n, n_x) leave pool and tilt (n, 4) [-, in half widths], and
-        the slope with x (n, 4, 7).
+        the slope (n, 4, 7) with their poses.
 
-        margin: default: the limits' own.
+        margin: share that is kept free; that of the limits by default.
         """
         if margin is None:
             margin = self.margin
         remaining = 1.0 - margin
-        far = np.zeros((len(x), 4))
+        distances = np.zeros((len(x), 4))
         slope = np.zeros((len(x), 4, 7))
-        far[:, :3], slope[:, :3] = self._distances(x)
+        distances[:, :3], slope[:, :3] = self._distances(x)
         # The root of qx^2 + qy^2 is the sine of half the tilt.
-        leaning = np.maximum(np.hypot(x[:, 3], x[:, 4]), 1e-9)
-        largest_lean = np.sin(remaining * self.tilt / 2)
-        far[:, 3] = leaning / largest_lean
-        slope[:, 3, 3:5] = x[:, 3:5] / leaning[:, None] / largest_lean
-        over = far - [remaining, remaining, remaining, 1.0]
-        return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
+        half_tilt_sine = np.maximum(np.hypot(x[:, 3], x[:, 4]), 1e-9)
+        largest_sine = np.sin(remaining * self.tilt / 2)
+        distances[:, 3] = half_tilt_sine / largest_sine
+        slope[:, 3, 3:5] = x[:, 3:5] / half_tilt_sine[:, None] / largest_sine
+        excess = distances - [remaining, remaining, remaining, 1.0]
+        return np.maximum(excess, 0.0), slope * (excess > 0.0)[:, :, None]
 
     def _distances(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute distances of the hull's outermost corners from the pool's middle (n, 3) [-, in
         half widths], and their slope (n, 3, 7).
         """
-        centre = self.hull.mean(axis=0)
-        size = np.diff(self.hull, axis=0)[0] / 2
-        half = np.diff(self.pool, axis=0)[0] / 2
+        hull_centre = self.hull.mean(axis=0)
+        hull_half = np.diff(self.hull, axis=0)[0] / 2
+        pool_half = np.diff(self.pool, axis=0)[0] / 2
         R = _rotations(x[:, 3:7])
         R_q = np.einsum("ijkl,nl->nijk", _ROTATION_CURVATURE, x[:, 3:7])
-        off = x[:, :3] + R @ centre - np.asarray(self.pool.mean(axis=0))
-        side = np.where(off < 0.0, -1.0, 1.0)
-        outermost = centre + side[:, :, None] * np.sign(R) * size  # corner in each direction
+        offset = x[:, :3] + R @ hull_centre - np.asarray(self.pool.mean(axis=0))
+        side = np.where(offset < 0.0, -1.0, 1.0)
+        outermost = (
+            hull_centre + side[:, :, None] * np.sign(R) * hull_half
+        )  # corner in each direction
         by_position = np.tile(np.eye(3), (len(x), 1, 1))
         by_quaternion = np.einsum("nijk,nij->nik", R_q, outermost)
         slope = np.concatenate([by_position, by_quaternion], axis=2)
-        return (np.abs(off) + np.abs(R) @ size) / half, slope * (side / half)[:, :, None]
+        distances = (np.abs(offset) + np.abs(R) @ hull_half) / pool_half
+        return distances, slope * (side / pool_half)[:, :, None]
 
 
 def _sides(corners: np.ndarray) -> str:

@@ -1,5 +1,5 @@
-"""Compute what a fit that takes constants for known would say if they were otherwise; what is assumed
-widens intervals by it.
+"""Compute what the constants that a fit held would change if they were otherwise; intervals are
+widened by those that are assumed.
 """
 
 from __future__ import annotations
@@ -38,16 +38,13 @@ _SPREADS = {
 of 1 m.
 """
 _ALIKE = {"wrench_offset": "bias", "attitude_offset": "attitude_turn"}
-"""Constants that each recording has one of, and the constant of all recordings that a fit adds to
-it.
-"""
+"""Constants of single recordings, by the constant of all recordings that a fit adds to each."""
 _FILED = ("mass", "centre_of_mass", "second_moment")
+"""Constants of the robot's file."""
 _SEEN = ("bias", "current")
-"""Constants of the robot's file, and assumed ones that are no part of intervals: recordings show
-them where they are not 0.
-"""
+"""Assumed constants that are no part of intervals: recordings show them where they are not 0."""
 _NEXT_TO_NOTHING = 1e-9  # [1 / unknowns^2] of information, so that no matrix is singular
-_NOISIER = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
+_NOISES = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
 """Deviations of noise that weigh samples, and units: what they would change if they were twice as
 large.
 """
@@ -58,18 +55,19 @@ class HeldConstant:
     """A quantity that a fit held, and its effect on the numbers."""
 
     quantity: str
+    """Name of the quantity; of noise with the word before it, as ``noise velocity``."""
     known: str
     """``given`` by the settings, of the ``robot's file``, or ``assumed``."""
     spread: float
-    """Assumed standard deviation, relative or in [s], [m] or [rad]; of noise by how much it is
-    larger, relative.
+    """Assumed standard deviation, relative or in [s], [m] or [rad]; for noise the relative increase
+    that is looked at.
     """
-    most: str
-    """Number that it moves farthest by that."""
+    most_changed: str
+    """Name of the number that such a deviation changes most, in its standard errors."""
     change: float
-    """[standard errors] of that number."""
+    """[standard errors] by which that number changes."""
     value: float = 0.0
-    """Value that the fit takes for it, of noise; of all others the declaration has it."""
+    """[unit] value of a noise in the fit; 0 for other constants, which the declaration has."""
     unit: str = ""
     """Unit of `value`."""
 
@@ -104,7 +102,7 @@ def held_constants(
                         quantity=quantity,
                         known=origin,
                         spread=_SPREADS[name],
-                        most=number,
+                        most_changed=number,
                         change=change,
                     )
                 )
@@ -115,10 +113,10 @@ def held_constants(
 def constant_slopes(
     fitted: FitContext, constants: Sequence[str]
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns
-    with m of these.
+    """Return the names of m coordinates that a fit held, and slopes (n, m) of its n unknowns with
+    these.
 
-    What each recording may have for itself is off in all of them alike.
+    Constants that each recording has for itself are taken to be off in all of them alike.
     """
     unknowns = fitted.vehicle.shared
     quantities = dict(fitted.vehicle.shared.declaration.quantities)
@@ -192,7 +190,7 @@ def _noise_constants(
     fitted: FitContext, settings: CalibrationSettings, effects: _Effects
 ) -> Iterator[HeldConstant]:
     """Yield deviations of noise, with what numbers would change if one were twice as large."""
-    for name, unit in _NOISIER.items():
+    for name, unit in _NOISES.items():
         sigma = getattr(fitted.noise, name)
         noise = replace(fitted.noise, **{name: 2.0 * sigma})
         problem = replace(fitted, noise=noise).problem()
@@ -202,7 +200,7 @@ def _noise_constants(
             quantity=f"noise {name}",
             known="given" if name in settings.noise.model_fields_set else "assumed",
             spread=1.0,
-            most=number,
+            most_changed=number,
             change=change,
             value=sigma,
             unit=unit,

@@ -29,8 +29,11 @@ DETERMINED_BELOW = 0.1
 INTERVAL = 1.96
 """Standard errors to either side, in which 95 % lie."""
 TOTAL = "mass and added mass"
+"""Name of the total inertia of an axis, as a quantity."""
 SIZES = {"m": 0.05, "s": 0.05, "rad": 0.05, "m/s": 0.05, "N, N m": 1.0}
-"""[unit] of numbers that may be zero; others are compared with themselves."""
+"""By unit: size [unit] that errors of numbers which may be zero are compared with; errors of others are
+compared with the number itself.
+"""
 _XYZ = ("x", "y", "z")
 _Entry = tuple[str, str, str, bool]
 """Quantity, entry, unit and whether it can only be positive, as `IdentifiedNumber` has them."""
@@ -49,14 +52,14 @@ class IdentifiedNumber:
     quantity: str
     """Quantity of the declaration, or `TOTAL`."""
     entry: str
-    """Axis, axes of row and column, or name of an actuator; empty where there is one."""
+    """Axis, axes of row and column, or name of an actuator; empty where the quantity is one number."""
     unit: str
     value: float
-    """[unit]"""
+    """[unit] value at the estimate."""
     sigma: float
     """[unit] standard error."""
     size: float
-    """[unit] that errors are relative to."""
+    """[unit] size that the standard error is compared with."""
     informed: bool
     """True if the recordings say more than the priors."""
     positive: bool
@@ -87,9 +90,10 @@ class IdentifiedNumber:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """[unit] that holds it with 95 %: all that there is, where the search has not converged."""
+        """[unit] interval that holds it with 95 %; unbounded where the search has not converged."""
         if not self.settled:
-            return 0.0 if self.positive else -np.inf, np.inf
+            lower = 0.0 if self.positive else -np.inf
+            return lower, np.inf
         if self.positive:
             factor = float(np.exp(min(INTERVAL * self.sigma / max(self.value, 1e-300), 500.0)))
             return self.value / factor, self.value * factor
@@ -97,15 +101,19 @@ class IdentifiedNumber:
 
 
 def numbers(
-    vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0, left: Sequence[Whiteness] = ()
+    vehicle: Vehicle,
+    estimate: Estimate,
+    inflation: float = 1.0,
+    whiteness_tests: Sequence[Whiteness] = (),
 ) -> tuple[IdentifiedNumber, ...]:
     """Return every number that depends on a shared unknown, as far as the model explains the
     recordings.
 
-    inflation: samples that miss alike, as in `standard_errors`. left: residuals of all channels.
+    inflation: number of samples that miss alike, by `variance_inflation`. whiteness_tests: of the
+    residuals of all channels.
     """
     identified = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
-    explained = not any(test.unexplained and test.size > MISSES for test in left)
+    explained = not any(test.unexplained and test.size > MISSES for test in whiteness_tests)
     return tuple(
         replace(number, settled=estimate.status is FitStatus.CONVERGED, explained=explained)
         for number in identified
@@ -117,8 +125,8 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
     C (n, n) [unknowns^2].
     """
     entries, values, slopes = _entries(vehicle, shared)
-    # Without recordings.
-    prior_covariance = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + NEXT_TO_NOTHING))
+    prior_information = 1.0 / vehicle.shared.sigma**2 + NEXT_TO_NOTHING
+    prior_covariance = np.diag(1.0 / prior_information)
     sigmas = _propagated(slopes, C)
     prior_sigmas = _propagated(slopes, prior_covariance)
     identified = []
@@ -141,34 +149,31 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
 
 @checked
 def values_of(vehicle: Vehicle, shared: np.ndarray) -> np.ndarray:
-    """Compute values (m,) [units of `numbers`] of the same numbers at other unknowns shared (n,)
-    [as `Unknowns.start`].
+    """Compute the values (m,) [units of `numbers`] of all `numbers` at unknowns shared (n,) [as
+    `Unknowns.start`].
     """
-    return _entries(vehicle, shared)[1]
+    _, values, _ = _entries(vehicle, shared)
+    return values
 
 
 def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str]], np.ndarray]:
-    """Return quantities and names of the same numbers, and their slopes (m, n) [units of numbers,
-    per unknown].
-
-    At unknowns shared (n,) [as `Unknowns.start`].
+    """Return quantities and names of all `numbers`, and their slopes (m, n) [units of numbers, per
+    unknown] at unknowns shared (n,) [as `Unknowns.start`].
     """
     entries, _, slopes = _entries(vehicle, shared)
-    return [(quantity, f"{quantity} {entry}".strip()) for quantity, entry, _, _ in entries], slopes
+    names = [(quantity, f"{quantity} {entry}".strip()) for quantity, entry, _, _ in entries]
+    return names, slopes
 
 
 def number_of(
     vehicle: Vehicle, number: IdentifiedNumber
 ) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
-    """Make the function from unknowns (n,) to one of `numbers`: its value [unit], or logarithm
-    where it is positive; its slope.
+    """Make the function from unknowns (n,) to one of `numbers`: its value [unit], or the logarithm of
+    it where it is positive, and its slope (n,).
     """
     theta = ca.SX.sym("theta", len(vehicle.shared.start))
-    (value,) = (
-        candidate
-        for entry, candidate in _pairs(vehicle, theta)
-        if entry[:2] == (number.quantity, number.entry)
-    )
+    expressions = {entry[:2]: expression for entry, expression in _pairs(vehicle, theta)}
+    value = expressions[number.quantity, number.entry]
     if number.positive:
         scaled = ca.log(value)
     else:
@@ -188,7 +193,7 @@ def _propagated(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
 
 
 def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.ndarray, np.ndarray]:
-    """List all numbers, with values (m,) and their slopes (m, n)."""
+    """List the numbers that depend on unknowns shared (n,), with their values (m,) and slopes (m, n)."""
     theta = ca.SX.sym("theta", len(shared))
     pairs = _pairs(vehicle, theta)
     stacked = ca.vertcat(*(value for _, value in pairs))
@@ -201,6 +206,7 @@ def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.nda
 
 
 def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
+    """List all entries of quantities and totals, with their expressions in theta (n,)."""
     quantities = vehicle.shared.values(theta)
     pairs = list[tuple[_Entry, ca.SX]]()
     for name, value in quantities.items():
@@ -215,12 +221,17 @@ def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
 
 
 def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.SX]]:
-    axes = parameters.AXES if value.shape[0] == len(parameters.AXES) else _XYZ
-    symmetric = "drag" not in name
+    """Yield the entries of a matrix; of a symmetric one those on and below its diagonal."""
+    axes: tuple[str, ...] = _XYZ
+    if value.shape[0] == len(parameters.AXES):
+        axes = parameters.AXES
+    is_symmetric = "drag" not in name
     for i, row in enumerate(axes):
         for j, column in enumerate(axes):
-            if i >= j or not symmetric:
-                yield (name, row if i == j else f"{row}-{column}", unit, i == j), value[i, j]
+            if i < j and is_symmetric:
+                continue
+            entry = row if i == j else f"{row}-{column}"
+            yield (name, entry, unit, i == j), value[i, j]
 
 
 def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:

@@ -12,11 +12,9 @@ import numpy as np
 from uvms_ocp.identification import output_error
 from uvms_ocp.identification.trajectory_simulator import ExperimentTrajectory
 
-_NOTHING = 1e-6  # [1 / unknowns^2] what is known of an unknown without a prior
-_SHARP = 20.0
-"""Power of standard errors whose mean counts: 0 would make all count alike, more and more the worst
-alone.
-"""
+_NEXT_TO_NOTHING = 1e-6  # [1 / unknowns^2] information on an unknown without a prior
+_SHARPNESS = 20.0
+"""Power of standard errors whose mean counts: with 0 all count alike, with much the worst alone."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -24,9 +22,9 @@ class InformationCriterion:
     """Scalar criterion of the Fisher information of an experiment."""
 
     slopes: np.ndarray
-    """(m, n_p) [units of numbers, per unknown] of the numbers that matter."""
+    """(m, n_p) [units of numbers, per unknown] slopes of the numbers that matter."""
     prior_information: np.ndarray
-    """(n_p, n_p) [1 / unknowns^2] of priors, and of recordings that there are."""
+    """(n_p, n_p) [1 / unknowns^2] information of priors, and of recordings that there are."""
     noise: output_error.Noise
     """Standard deviations of the sensors."""
     rate: float
@@ -48,10 +46,11 @@ class InformationCriterion:
     def figure(
         self, trajectory: ExperimentTrajectory, h: float, targets: np.ndarray
     ) -> tuple[float, np.ndarray]:
-        """Compute the logarithm of the numbers' standard errors over targets (m,) [units of
-        numbers], in which those farthest off count most.
+        """Compute the figure of merit of a trajectory in steps h [s], and its slope with J (n + 1, 9,
+        n_p).
 
-        With its slope with J (n + 1, 9, n_p); steps h [s].
+        It is the smooth maximum of the logarithms of the numbers' standard errors over targets (m,)
+        [units of numbers].
         """
         covariances = self.slopes @ self.covariance(self.information(trajectory, h))
         variances = np.maximum(np.einsum("ij,ij->i", covariances, self.slopes), 1e-300)
@@ -73,8 +72,8 @@ class InformationCriterion:
         """Compute the covariance (n_p, n_p) [unknowns^2] after recordings of some information (n_p,
         n_p) [1 / unknowns^2].
         """
-        known_of_all = _NOTHING * np.eye(len(self.prior_information))
-        total = information + self.prior_information + known_of_all
+        least_information = _NEXT_TO_NOTHING * np.eye(len(self.prior_information))
+        total = information + self.prior_information + least_information
         # Unknowns differ by powers of ten in what is known of them.
         scale = 1.0 / np.sqrt(np.diag(total))
         return np.asarray(scale[:, None] * np.linalg.inv(total * np.outer(scale, scale)) * scale)
@@ -85,6 +84,6 @@ def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
     (m,).
     """
     largest = float(values.max())
-    exponentials = np.exp(_SHARP * (values - largest))
-    smooth_maximum = largest + float(np.log(exponentials.mean())) / _SHARP
+    exponentials = np.exp(_SHARPNESS * (values - largest))
+    smooth_maximum = largest + float(np.log(exponentials.mean())) / _SHARPNESS
     return smooth_maximum, exponentials / exponentials.sum()

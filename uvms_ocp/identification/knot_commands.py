@@ -9,7 +9,7 @@ import numpy as np
 from uvms_ocp.identification import recording
 from uvms_ocp.identification.resampling import ZeroOrderHold
 
-_WITHIN = 1e-9  # share of a step by which edges are moved inside it
+_EDGE_SHIFT = 1e-9  # share of a step by which edges are moved into it
 
 
 class KnotCommands:
@@ -21,20 +21,20 @@ class KnotCommands:
         """Place knots about `interval` [s] apart in a duration [s]; commands are held for `step`
         [s] and act with a delay [s].
         """
-        n = round(duration / step)
-        inner = max(1, round(duration / interval) - 1)
-        self.sent = _lines(n, inner, step * (inner + 1) / duration)
-        """(n, n_knots) commands as they are sent, held for a step each."""
+        n_steps = round(duration / step)
+        n_inner = max(1, round(duration / interval) - 1)
+        self.sent = _lines(n_steps, n_inner, step * (n_inner + 1) / duration)
+        """(n, n_knots) map to the commands that are sent, held for a step each."""
         # A command of one step only: what it does is the same at any time.
-        pulse = recording.Channel(t=step * np.arange(n), values=np.eye(n, 1, -1))
+        pulse = recording.Channel(t=step * np.arange(n_steps), values=np.eye(n_steps, 1, -1))
         held = ZeroOrderHold(pulse)
-        edges = edges_of(n, step, delay)
+        edges = edges_of(n_steps, step, delay)
         acting = _shifted(held.mean(edges)[:, 0])
         late = _shifted(-held.mean_slope(edges)[:, 0])
         self.acting = acting @ self.sent
-        """(n, n_knots) commands as they act, late."""
+        """(n, n_knots) map to the commands as they act, late."""
         self.late = late @ self.sent
-        """(n, n_knots) [1/s] how commands as they act change with the delay."""
+        """(n, n_knots) [1/s] map to the change of acting commands with the delay."""
 
     @property
     def n_knots(self) -> int:
@@ -42,7 +42,9 @@ class KnotCommands:
         return int(self.sent.shape[1])
 
     def nearest(self, sent: np.ndarray) -> np.ndarray:
-        """Knots (n_knots, n_u) [N, N m] whose commands are nearest to sent (n, n_u) [N, N m]."""
+        """Compute the knots (n_knots, n_u) [N, N m] whose commands are nearest to sent (n, n_u) [N, N
+        m], by least squares.
+        """
         from scipy.sparse.linalg import spsolve  # a tenth of a second
 
         square = (self.sent.T @ self.sent).tocsc()
@@ -58,7 +60,7 @@ def edges_of(n: int, step: float, delay: float) -> np.ndarray:
     """
     # Delays are often whole steps: rounding would decide, edge by edge, which of two commands
     # changes with them.
-    return step * (np.arange(n + 1) + _WITHIN) - delay
+    return step * (np.arange(n + 1) + _EDGE_SHIFT) - delay
 
 
 def _lines(n: int, inner: int, spacing: float) -> Any:

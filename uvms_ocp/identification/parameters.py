@@ -1,5 +1,5 @@
-"""Parameters of a vehicle that may be identified: its quantities, which of them are fixed, free or
-have priors, and the unknowns of a declaration in a row.
+"""Parameters of a vehicle: its quantities, each fixed, free, bounded or with a prior, and the vector of
+unknowns that follows from them.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ DELAYS = ("delay", "velocity_delay")
 AT_ONCE = 1e-6
 """[s] that stands for no delay at all."""
 All = None
-"""All coordinates of a quantity."""
-_HELD = 1e-4  # [as start] deviation of what is held
+"""Stands for all coordinates of a quantity."""
+_HELD = 1e-4  # [as `Unknowns.start`] standard deviation of a prior that holds an unknown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
-    """Unknowns theta (n,) that all recordings share, or kappa (m,) that each has for itself, of a
-    declaration.
+    """Free coordinates of a declaration: unknowns theta (n,) that all recordings share, or kappa (m,)
+    that each has for itself.
     """
 
     declaration: Declaration
@@ -79,19 +79,19 @@ class Unknowns:
             first += n_free
         return quantities
 
-    def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
-        """Return a copy with starts and priors about (n,) [as start]; wider: factor of their
-        deviations.
+    def believed(self, means: np.ndarray, widening: float = 1.0) -> Unknowns:
+        """Return a copy that starts at means (n,) [as start], where its priors have their middle;
+        widening: factor on the deviations of the priors.
         """
-        moved = self._with("x", about)
+        moved = self._with("x", means)
         quantities = dict(moved.declaration.quantities)
         for name, quantity in moved._items():
-            quantities[name] = replace(quantity, sigma=wider * quantity.sigma)
+            quantities[name] = replace(quantity, sigma=widening * quantity.sigma)
         return Unknowns(Declaration(quantities=quantities), self.per_recording)
 
-    def held(self, which: np.ndarray) -> Unknowns:
-        """Return a copy that holds the unknowns of a mask which (n,) [bool] where they start."""
-        return self._with("sigma", np.where(which, _HELD, self.sigma))
+    def held(self, is_held: np.ndarray) -> Unknowns:
+        """Return a copy that holds the unknowns of a mask (n,) [bool] where they start."""
+        return self._with("sigma", np.where(is_held, _HELD, self.sigma))
 
     def _with(self, column: str, values: np.ndarray) -> Unknowns:
         """Return a copy with other values (n,) of a column of all unknowns."""
@@ -122,11 +122,12 @@ class Declaration:
     """Quantities of a vehicle by name; `vehicle_declaration` gives all of them."""
 
     quantities: Mapping[str, Quantity]
+    """Quantities by their names."""
 
     def with_status(self, **status: ParameterStatus) -> Declaration:
         """Return a copy in which these quantities have these statuses.
 
-        Raises NameNotFound for a quantity that there is not, and InvalidInput.
+        Raises NameNotFound for an unknown quantity or coordinate, and InvalidInput for bounds.
         """
         changed = {}
         for name, quantity_status in status.items():
@@ -156,11 +157,11 @@ class Quantity:
     unit: str
     """Unit of the value; several where its rows differ, as ``kg, kg m, kg m2``."""
     coordinates: QuantityCoordinates
-    """How coordinates x (n,) stand for the value."""
+    """Map between coordinates x (n,) and the value."""
     x: np.ndarray
     """(n,) [-, or the unit of the quantity] values of the coordinates, and the middle of priors."""
     free: np.ndarray
-    """(n,) [bool] mask of the coordinates that may be learnt."""
+    """(n,) [bool] mask of the coordinates that are unknowns."""
     sigma: np.ndarray
     """(n,) [as x] standard deviations of priors, infinite without."""
     lower: np.ndarray
@@ -170,13 +171,13 @@ class Quantity:
     per_recording: bool = False
     """True where each recording has a value for itself, such as of its current."""
     begin: np.ndarray | None = None
-    """(n,) [as x] where a search begins, in place of x: from the edge of an interval none leads
-    away.
+    """(n,) [as x] coordinates at which a search begins, in place of x, which no search leaves at the
+    edge of an interval.
     """
 
     @property
     def value(self) -> np.ndarray:
-        """(...) [unit of the quantity] value, or value at which a search begins."""
+        """(...) [unit of the quantity] value, where a search begins if it is free."""
         return np.array(ca.evalf(self.coordinates.decode(ca.SX(ca.DM(self.x)))))
 
     @staticmethod
@@ -204,17 +205,19 @@ class Quantity:
             upper=unlimited,
         )
 
-    def with_status(self, status: ParameterStatus, called: str = "it") -> Quantity:
-        """Return a copy with another status; called: its name in messages.
+    def with_status(self, status: ParameterStatus, label: str = "it") -> Quantity:
+        """Return a copy with another status; label: name of the quantity in messages.
 
-        Raises NameNotFound for no coordinate of it, and InvalidInput.
+        Raises NameNotFound for an unknown coordinate, and InvalidInput for bounds.
         """
-        chosen = self._chosen(status.only, called)
+        chosen = self._chosen(status.only, label)
         is_free = not isinstance(status, Fixed)
         if is_free and self.begin is not None:
             begun = replace(self, x=np.where(chosen, self.begin, self.x), begin=None)
-            return begun.with_status(status, called)
-        sigma = status.sigma if isinstance(status, Prior) else np.inf
+            return begun.with_status(status, label)
+        sigma = np.inf
+        if isinstance(status, Prior):
+            sigma = status.sigma
         lower, upper = self._bounds(status)
         return replace(
             self,
@@ -224,14 +227,14 @@ class Quantity:
             upper=np.where(chosen, upper, self.upper),
         )
 
-    def _chosen(self, only: Sequence[str] | None, called: str) -> np.ndarray:
+    def _chosen(self, only: Sequence[str] | None, label: str) -> np.ndarray:
         """Return the mask (n,) [bool] of coordinates by their names; of all where none are given."""
         names = self.coordinates.names
         if only is All:
             return np.ones(len(names), dtype=bool)
         for name in only:
             require_known(
-                f"coordinate of {called}, which has none for what is 0 in the robot's file:",
+                f"coordinate of {label}, which has none for what is 0 in the robot's file:",
                 name,
                 names,
             )
@@ -274,9 +277,9 @@ class Bounded:
     """
 
     lower: float
-    """[unit of the quantity]"""
+    """[unit of the quantity] lower bound."""
     upper: float
-    """[unit of the quantity]"""
+    """[unit of the quantity] upper bound."""
     only: tuple[str, ...] | None = All
     """Coordinates by their names; the others of the quantity stay as they were declared."""
 
@@ -293,7 +296,9 @@ class Prior:
     """Status of a quantity with a prior about its start."""
 
     sigma: Positive
-    """Relative, for what must be positive; [unit of the quantity] for what may have any sign."""
+    """Standard deviation: relative, for what must be positive; [unit of the quantity] for what may
+    have any sign.
+    """
     only: tuple[str, ...] | None = All
     """Coordinates by their names; the others of the quantity stay as they were declared."""
 

@@ -1,7 +1,7 @@
 """Fit vehicles that have seen what is predicted: they bound what a prediction can explain.
 
 One vehicle is identified on all recordings that are predicted together; what it misses of them no
-single vehicle of this model explains. Each recording also gets a vehicle of its own, with what it
+single vehicle of this model explains. Each recording also gets a separate vehicle, with what it
 has for itself (current, trim); by how much that explains more is what differs between recordings.
 Searches begin where the vehicle was identified and have its noise, segments and priors.
 """
@@ -20,8 +20,9 @@ from uvms_ocp.identification.predictor import Predictor
 from uvms_ocp.identification.segments import PreparedRecording
 
 TOGETHER = "one vehicle that has seen them"
+"""Name of the predictor that was fitted to all recordings that are predicted."""
 ALONE = "each by a vehicle of its own"
-"""Names of the predictors that bound a prediction."""
+"""Name of the predictor that was fitted to the predicted recording alone."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -40,8 +41,8 @@ class PredictionBounds:
     def predictors(self, recording: PreparedRecording) -> dict[str, Predictor]:
         """Return the predictors of one of the recordings, by `TOGETHER` and `ALONE`.
 
-        The vehicle of all has what recordings have for themselves as declared, as any prediction
-        has; that of its own has it as identified.
+        Unknowns that a recording has for itself are as declared in the vehicle of all recordings, as
+        in any prediction; in the vehicle of this recording they are as identified.
         """
         alone = self.alone[recording.recording.source]
         return {
@@ -88,7 +89,7 @@ def fit_bounds(
 
 
 def _has_seen(identified: FitContext, predicted: Sequence[PreparedRecording]) -> bool:
-    """Tell whether a vehicle was identified on these recordings and no others."""
+    """Check whether a vehicle was identified on exactly these recordings."""
     fitted = {id(recording) for recording in identified.prepared}
     return fitted == {id(recording) for recording in predicted}
 
@@ -107,9 +108,8 @@ def _refitted(identified: FitContext, recordings: Sequence[PreparedRecording]) -
 
 
 def _with_fitted_recording(fitted: FitContext, recording: str) -> Predictor:
-    """Predict with what a recording has for itself as identified, rather than as declared."""
+    """Make a predictor whose unknowns of a recording are held as identified, not as declared."""
     unknowns = fitted.vehicle.per_recording
-    held_unknowns = unknowns.believed(fitted.estimate.per_recording[recording]).held(
-        np.ones(len(unknowns.start), dtype=bool)
-    )
+    all_of_them = np.ones(len(unknowns.start), dtype=bool)
+    held_unknowns = unknowns.believed(fitted.estimate.per_recording[recording]).held(all_of_them)
     return replace(fitted.predictor(), vehicle=replace(fitted.vehicle, per_recording=held_unknowns))

@@ -15,12 +15,14 @@ def errors(predicted: Predicted) -> np.ndarray:
     """Compute (7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle
     between verticals.
     """
-    moving = [root_mean_square(predicted.rows[k] - predicted.measured[k]) for k in range(2)]
-    return np.concatenate([*moving, root_mean_square(np.rad2deg(tilts(predicted))[:, None])])
+    linear = root_mean_square(predicted.rows[0] - predicted.measured[0])
+    angular = root_mean_square(predicted.rows[1] - predicted.measured[1])
+    tilt = root_mean_square(np.rad2deg(tilts(predicted))[:, None])
+    return np.concatenate([linear, angular, tilt])
 
 
 def tilts(predicted: Predicted) -> np.ndarray:
-    """Compute angles (m,) [rad] between the vertical in B as predicted and as seen."""
+    """Compute angles (m,) [rad] between the vertical in B as predicted and as measured."""
     rows = predicted.rows[2]
     measured = predicted.measured[2]
     return np.arctan2(

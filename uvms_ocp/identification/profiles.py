@@ -26,14 +26,13 @@ from uvms_ocp.identification.output_error import (
     SearchPoint,
 )
 
-_FARTHEST = 4  # standard errors: beyond it an interval is called open
-_SOFT = 0.05  # of a standard error, by which a number is held
-# of Gauss and Newton, where one is nearly all of the way
-_STEPS = 3
-_DAMPING = 1e-9
-_EXACT = 1e-3  # of a deviance
-_KEPT = 0.1  # of a deviance, by which it may miss what a step has promised
-_OTHER = 0.2  # of the half width, by which ends may be apart that are called equal
+_FARTHEST = 4  # [standard errors] beyond which an interval is called open
+_SOFTNESS = 0.05  # [standard errors] deviation of the penalty that holds a number
+_STEPS = 3  # of Gauss and Newton, of which the first is nearly all of the way
+_DAMPING = 1e-9  # of a search that begins near its end
+_TOLERANCE = 1e-3  # of a deviance, with which a search ends
+_PROMISE_ERROR = 0.1  # share of a deviance by which it may miss what a step has promised
+_END_DIFFERENCE = 0.2  # share of the half width, from which on ends are said to differ
 
 
 def profiles(
@@ -42,27 +41,28 @@ def profiles(
     inflation: float = 1.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Profile]:
-    """Yield the profile likelihood of every determined number. inflation: samples that miss alike,
-    as for the numbers.
+    """Yield the profile likelihood of every determined number.
 
-    progress gets a line for each. A number that follows from one before it alone has the same
-    profile and is left out. One takes a simulation of all recordings for each value at which it is
+    inflation: number of samples that miss alike, as for the numbers. progress gets a line for each.
+    A number that follows from a single unknown, as one before it does, has the same profile and is
+    left out. A profile takes a simulation of all recordings for each value at which the number is
     held, and a search where that shows that all is not linear.
     """
-    wide = fitted.inflated(inflation)
-    chosen = list(_distinct(wide, [number for number in numbers if number.determined]))
-    if not chosen:
+    inflated = fitted.inflated(inflation)
+    determined = [number for number in numbers if number.determined]
+    profiled = list(_distinct(inflated, determined))
+    if not profiled:
         return
     # The optimum itself: searches end a little beside it, which deviances would show.
-    problem = wide.problem()
+    problem = inflated.problem()
     estimate = fitted.estimate
     optimum = problem.solve(
-        problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING
+        problem.resumed(estimate), tolerance=_TOLERANCE / max(estimate.cost, 1.0), damping=_DAMPING
     )
     point = problem.resumed(optimum)
-    best = _Best(wide, optimum.cost, point, problem.blocks(point))
-    for k, number in enumerate(chosen, start=1):
-        progress(f"profile {k} of {len(chosen)}: {number.name}")
+    best = _Optimum(inflated, optimum.cost, point, problem.blocks(point))
+    for k, number in enumerate(profiled, start=1):
+        progress(f"profile {k} of {len(profiled)}: {number.name}")
         yield _profile(best, number)
 
 
@@ -71,27 +71,30 @@ class Profile:
     """Profile likelihood of one number."""
 
     number: IdentifiedNumber
+    """Number that is profiled, with its standard error."""
     values: np.ndarray
-    """(k,) [unit] at which it was held, increasing."""
+    """(k,) [unit] values at which the number was held, increasing."""
     roots: np.ndarray
-    """(k,) signed roots of the deviance there."""
+    """(k,) signed roots of the deviance at these values."""
     interval: tuple[float, float]
-    """[unit] that holds it with 95 %, as the profile has it; infinite, or 0, where it does not
-    close.
+    """[unit] interval that holds the number with 95 %, by the profile; infinite, or 0, where the
+    profile does not close.
     """
 
     @property
     def differs(self) -> bool:
-        """True if an end differs from that by standard errors."""
-        lines = [_line(self.number, ends) for ends in (self.number.interval, self.interval)]
-        return bool(np.abs(lines[1] - lines[0]).max() > _OTHER * (lines[0][1] - lines[0][0]) / 2)
+        """True if an end differs from that of the interval by standard errors."""
+        linear = _coordinates(self.number, self.number.interval)
+        profiled = _coordinates(self.number, self.interval)
+        half_width = (linear[1] - linear[0]) / 2
+        return bool(np.abs(profiled - linear).max() > _END_DIFFERENCE * half_width)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Best:
-    """Optimum of the cost."""
+class _Optimum:
+    """Optimum of the cost, at which profiles begin."""
 
-    wide: FitContext
+    inflated: FitContext
     """Fit with inflated variances."""
     cost: float
     """Half the weighted squares at the optimum."""
@@ -111,18 +114,23 @@ class _HeldFit:
     point: SearchPoint
 
 
-def _distinct(wide: FitContext, numbers: Sequence[IdentifiedNumber]) -> Iterator[IdentifiedNumber]:
-    single: set[int] = set()
+def _distinct(
+    fitted: FitContext, numbers: Sequence[IdentifiedNumber]
+) -> Iterator[IdentifiedNumber]:
+    """Yield the numbers but for those of a single unknown that a number before them follows from."""
+    profiled_unknowns: set[int] = set()
     for number in numbers:
-        unknowns = np.flatnonzero(number_of(wide.vehicle, number)(wide.estimate.shared)[1])
-        if len(unknowns) > 1 or unknowns[0] not in single:
+        _, slope = number_of(fitted.vehicle, number)(fitted.estimate.shared)
+        unknowns = np.flatnonzero(slope)
+        if len(unknowns) > 1 or unknowns[0] not in profiled_unknowns:
             yield number
         if len(unknowns) == 1:
-            single.update(unknowns)
+            profiled_unknowns.update(unknowns)
 
 
-def _profile(best: _Best, identified: IdentifiedNumber) -> Profile:
-    number = number_of(best.wide.vehicle, identified)
+def _profile(best: _Optimum, identified: IdentifiedNumber) -> Profile:
+    """Compute the profile of a number, in its logarithm where it is positive."""
+    number = number_of(best.inflated.vehicle, identified)
     point = best.point
     sigma = identified.sigma
     if identified.positive:
@@ -137,7 +145,6 @@ def _profile(best: _Best, identified: IdentifiedNumber) -> Profile:
     if identified.positive:
         places = np.exp(places)
         ends = np.exp(ends)
-
     return Profile(
         number=identified,
         values=places,
@@ -147,7 +154,7 @@ def _profile(best: _Best, identified: IdentifiedNumber) -> Profile:
 
 
 def _side(
-    best: _Best,
+    best: _Optimum,
     middle: _HeldFit,
     number: Callable[[np.ndarray], tuple[float, np.ndarray]],
     step: float,
@@ -156,27 +163,27 @@ def _side(
     fits = []
     last = middle
     for k in range(1, _FARTHEST + 1):
-        pull = ProfilePenalty(
-            number=number, target=middle.place + k * step, sigma=_SOFT * abs(step)
+        penalty = ProfilePenalty(
+            number=number, target=middle.place + k * step, sigma=_SOFTNESS * abs(step)
         )
-        last = _held(best, last, pull, k)
+        last = _held(best, last, penalty, k)
         fits.append(last)
         if k > 1 and abs(last.root) > INTERVAL:
             break
     return fits
 
 
-def _held(best: _Best, nearest: _HeldFit, pull: ProfilePenalty, k: int) -> _HeldFit:
-    """Hold the number by one step from the optimum if its cost is as predicted, else by more steps
-    or a search.
+def _held(best: _Optimum, nearest: _HeldFit, penalty: ProfilePenalty, k: int) -> _HeldFit:
+    """Hold the number k standard errors away: by one step from the optimum if its cost is as
+    predicted, else by more steps, or a search from the nearest fit.
     """
-    problem = best.wide.problem(pull)
+    problem = best.inflated.problem(penalty)
     point, cost = problem.stepped(best.point, best.blocks)
-    gain = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2
-    share = _KEPT * k**2
+    gain = 2.0 * (cost - penalty.cost(point.shared) - best.cost) - k**2
+    share = _PROMISE_ERROR * k**2
     for _ in range(_STEPS):
         if abs(gain) < share:
-            return _found(best, pull, point, cost)
+            return _held_fit(best, penalty, point, cost)
         next_point, next_cost = problem.stepped(point)
         if not next_cost <= cost:
             break
@@ -184,29 +191,34 @@ def _held(best: _Best, nearest: _HeldFit, pull: ProfilePenalty, k: int) -> _Held
         point = next_point
         cost = next_cost
     estimate = problem.solve(
-        nearest.point, tolerance=_EXACT / max(best.cost, 1.0), damping=_DAMPING
+        nearest.point, tolerance=_TOLERANCE / max(best.cost, 1.0), damping=_DAMPING
     )
-    return _found(best, pull, problem.resumed(estimate), estimate.cost)
+    return _held_fit(best, penalty, problem.resumed(estimate), estimate.cost)
 
 
-def _found(best: _Best, pull: ProfilePenalty, point: SearchPoint, cost: float) -> _HeldFit:
-    deviance = 2.0 * (cost - pull.cost(point.shared) - best.cost)
-    side = np.sign(pull.target - pull.number(best.point.shared)[0])
-    return _HeldFit(pull.number(point.shared)[0], float(side * np.sqrt(max(deviance, 0.0))), point)
+def _held_fit(best: _Optimum, penalty: ProfilePenalty, point: SearchPoint, cost: float) -> _HeldFit:
+    """Return the fit at a point, with the signed root of its deviance."""
+    deviance = 2.0 * (cost - penalty.cost(point.shared) - best.cost)
+    place, _ = penalty.number(point.shared)
+    optimal_place, _ = penalty.number(best.point.shared)
+    side = np.sign(penalty.target - optimal_place)
+    root = float(side * np.sqrt(max(deviance, 0.0)))
+    return _HeldFit(place, root, point)
 
 
 def _crossing(places: np.ndarray, roots: np.ndarray, root: float) -> float:
     """Interpolate the place at which the signed root of the deviance is `root`; infinite where it
     lies beyond the places that were tried.
     """
-    sides = roots - root
-    for k, (a, b) in enumerate(pairwise(sides)):
-        if a <= 0.0 <= b and a < b:
-            return float(places[k] + (places[k + 1] - places[k]) * a / (a - b))
+    for k, (before, after) in enumerate(pairwise(roots - root)):
+        if before <= 0.0 <= after and before < after:
+            gap = places[k + 1] - places[k]
+            return float(places[k] + gap * before / (before - after))
     return float(np.copysign(np.inf, root))
 
 
-def _line(number: IdentifiedNumber, ends: tuple[float, float]) -> np.ndarray:
+def _coordinates(number: IdentifiedNumber, ends: tuple[float, float]) -> np.ndarray:
+    """Return the ends of an interval (2,), as logarithms where the number is positive."""
     with np.errstate(divide="ignore"):
         if number.positive:
             return np.log(np.array(ends))

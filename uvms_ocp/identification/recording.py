@@ -22,24 +22,26 @@ CHANNEL_TABLE = tomllib.loads(
 )
 """Channels, and units that their values may be given in."""
 SECONDS: Mapping[str, float] = CHANNEL_TABLE["units"]["s"]
-"""[s] of the units that times are given in."""
-_NORM = 1e-2  # by which quaternions may differ from 1: they are stored with few digits
+"""[s] length of each unit that times may be given in."""
+_NORM_ERROR = 1e-2  # of quaternions, which are stored with few digits
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Recording:
-    """Channels by the names of `CHANNEL_KINDS`, their times on one clock. Raises NameNotFound and
-    InvalidInput.
+    """Channels of a moving vehicle, their times on one clock. Raises NameNotFound for an unknown
+    channel, and InvalidInput for columns that it does not have.
     """
 
     name: str
+    """Name of the recording, such as that of its file."""
     channels: Mapping[str, Channel]
+    """Channels by the names of `CHANNEL_KINDS`."""
     issues_in_file: tuple[tuple[str, str], ...] = ()
     """Issues that the file itself reports, as pairs of channel and text."""
     layout: tuple[str, ...] = ()
-    """How files were understood."""
+    """Notes on how files were read, such as units of times."""
     whole: str = ""
-    """Name of the recording that it is a part of."""
+    """Name of the recording that it is a part of; empty for a whole one."""
     at_once: bool = False
     """True where commands act from their times on, as in runs of this toolkit."""
 
@@ -57,7 +59,7 @@ class Recording:
         attitude = self.channels.get("attitude")
         if (
             attitude is not None
-            and np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0).max() > _NORM
+            and np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0).max() > _NORM_ERROR
         ):
             raise InvalidInput(
                 f"{self.name}: attitude holds no unit quaternions; say what it holds by its format"
@@ -71,65 +73,62 @@ class Recording:
     def channel(self, name: str) -> Channel:
         """Return a channel by its name. Raises InvalidInput with those that there are."""
         if name not in self.channels:
-            recorded_text = f"{self.name}: no {name} is recorded, only {', '.join(self.channels)}"
+            problem = f"{self.name}: no {name} is recorded, only {', '.join(self.channels)}"
             needs = (
                 "a fit needs attitude, linear_velocity or position, commands, and positions of"
                 " joints: map it too"
             )
             needs += ", or give the axes along which alone it moves"
             raise InvalidInput(
-                f"{recorded_text}; {needs}, or see what `uvms-ocp check-recording` says of these alone"
+                f"{problem}; {needs}, or see what `uvms-ocp check-recording` says of these alone"
             )
         return self.channels[name]
 
     @property
     def span(self) -> tuple[float, float]:
-        """[s] from when to when all channels are known."""
+        """[s] begin and end of the time in which all channels are known."""
         times = [channel.undelayed_t for channel in self.channels.values()]
-        return max(t[0] for t in times), min(t[-1] for t in times)
+        begin = max(t[0] for t in times)
+        end = min(t[-1] for t in times)
+        return begin, end
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Channel:
-    """Samples of one thing, at times of their own. Raises InvalidInput for times that do not
-    increase, and wrong shapes.
+    """Samples of one quantity with their times. Raises InvalidInput for times that do not increase,
+    and wrong shapes.
     """
 
     t: np.ndarray
-    """(n,) [s] when it was measured, or sent."""
+    """(n,) [s] times at which samples were measured, or commands sent."""
     values: np.ndarray
-    """(n, k) [unit of its kind], finite."""
+    """(n, k) [unit of the channel's kind] samples, finite."""
     delay: float = 0.0
-    """[s] by which its times are known to be late."""
+    """[s] by which the times are known to be late."""
     back: float = 0.0
-    """[s] by which times went back in the file at most, whose samples are in order here."""
+    """[s] largest step back of the times in the file; samples are in order of time."""
     repeated: int = 0
-    """Samples left out, for another had their time."""
+    """Number of samples left out because another has their time."""
     echoes: int = 0
     """Number of samples left out because they repeat the one before."""
     missing: int = 0
-    """Samples left out, for something in them was not measured."""
+    """Number of samples left out because a part of them was not measured."""
     columns: tuple[str, ...] = ()
-    """Names of joints or thrusters, where whoever recorded them says so."""
+    """Names of joints or thrusters, where the file has them."""
     constants: tuple[int, ...] = ()
-    """Places of columns that were not measured: their numbers are whoever's gave the mapping."""
+    """Indices of columns that were not measured: the mapping gives their numbers."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", read_only(self.t, np.float64))
         object.__setattr__(self, "values", read_only(self.values, np.float64))
-        if (
-            self.t.ndim != 1
-            or self.values.ndim != 2
-            or len(self.t) != len(self.values)
-            or len(self.t) < 2
-        ):
+        has_shape = self.t.ndim == 1 and self.values.ndim == 2
+        if not has_shape or len(self.t) != len(self.values) or len(self.t) < 2:
             raise InvalidInput(
                 f"{self.t.shape} times, {self.values.shape} values given; allowed: (n,) and (n, k),"
                 " n > 1"
             )
-        if not (
-            np.isfinite(self.t).all() and np.isfinite(self.values).all() and np.isfinite(self.delay)
-        ):
+        is_known = np.isfinite(self.t).all() and np.isfinite(self.values).all()
+        if not (is_known and np.isfinite(self.delay)):
             raise InvalidInput("NaN or infinity given; leave out samples that are not known")
         if not (np.diff(self.t) > 0.0).all():
             first = int(np.argmin(np.diff(self.t) > 0.0))
@@ -139,9 +138,9 @@ class Channel:
             )
 
     def of(self, names: tuple[str, ...], where: str) -> Channel:
-        """Put the columns in the order of names, as far as the channel names them itself.
+        """Put the columns in the order of names; a channel without names stays as it is.
 
-        Raises InvalidInput for a channel of others; `where` says which.
+        where: name of the channel in messages. Raises InvalidInput for columns of other names.
         """
         if not self.columns or self.columns == names:
             return self
@@ -149,18 +148,17 @@ class Channel:
             raise InvalidInput(
                 f"{where} is of {', '.join(self.columns)}; allowed: {', '.join(names) or 'none'}"
             )
-        return replace(
-            self, values=self.values[:, [self.columns.index(name) for name in names]], columns=names
-        )
+        order = [self.columns.index(name) for name in names]
+        return replace(self, values=self.values[:, order], columns=names)
 
     @property
     def rate(self) -> float:
-        """[Hz] samples in a second, on average."""
+        """[Hz] mean number of samples in a second."""
         return float((len(self.t) - 1) / (self.t[-1] - self.t[0]))
 
     @property
     def undelayed_t(self) -> np.ndarray:
-        """(n,) [s] without the delay."""
+        """(n,) [s] times less the delay."""
         if self.delay:
             return self.t - self.delay
         return self.t
@@ -171,12 +169,13 @@ class ChannelKind:
     """Kind of a channel: unit, columns and frame of its values."""
 
     unit: str
+    """Unit of its values."""
     columns: tuple[str, ...] = ()
-    """Names; empty where a vehicle has as many as it has joints or thrusters."""
+    """Names of the columns; empty where there is one for each joint or thruster."""
     frame: str = ""
     """Frame of its vectors, W or B."""
     command: bool = False
-    """Asked for, not measured: held from one sample to the next."""
+    """True for a command, which is held from one sample to the next; False for a measurement."""
 
 
 def _units_by_spelling() -> dict[str, str]:

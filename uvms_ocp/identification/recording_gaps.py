@@ -16,7 +16,7 @@ from uvms_ocp.identification.recording import Recording
 LONGEST_GAP = 2.0
 """[s] without a sample of any channel, from which on a recording is cut."""
 SHORTEST = 5.0
-"""[s] of a part that is kept: less tells next to nothing."""
+"""[s] shortest part that is kept: less tells next to nothing."""
 
 
 def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
@@ -30,8 +30,8 @@ def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
 
 
 def _parts(recording: Recording) -> list[Recording]:
-    """Cut a recording at its silences; the first part says so. Channels without a time in common are
-    no matter of silences.
+    """Cut a recording at its silences, which the first part doubts; one whose channels have no time in
+    common is left whole.
     """
     silences = _silences(recording)
     begin, end = recording.span
@@ -48,12 +48,12 @@ def _parts(recording: Recording) -> list[Recording]:
             name = f"{recording.name} part {len(parts) + 1}"
             parts.append(replace(part, name=name, whole=recording.name))
     if not parts:
-        silence_text = (
+        problem = (
             f"{recording.name}: nothing is recorded for up to {lengths[longest]:.3g} s, again and"
             " again"
         )
         raise InvalidInput(
-            f"{silence_text}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look"
+            f"{problem}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look"
             " at its times"
         )
     silence = f"nothing is recorded for {lengths[longest]:.3g} s at {silences[longest, 0]:.3g} s"
@@ -78,6 +78,7 @@ def _between(recording: Recording, begin: float, end: float) -> Recording | None
             return None
         channels[name] = replace(channel, t=channel.t[inside], values=channel.values[inside])
     part = replace(recording, channels=channels)
-    if part.span[1] - part.span[0] < SHORTEST:
+    first, last = part.span
+    if last - first < SHORTEST:
         return None
     return part

@@ -34,8 +34,8 @@ from uvms_ocp.identification.whiteness import LEAST_P, LEVEL
 
 _OF_FILE = ("mass", "centre_of_mass", "second_moment", "dead_zone", "dead_zone_reverse")
 """Quantities that settings or a robot file give."""
-_MOST_COMBINATIONS = 6  # combinations, the worst first
-_DECADES = 1e3  # between the ends of an interval that is called open, of what is positive
+_MOST_COMBINATIONS = 6  # that are listed, the worst first
+_DECADES = 1e3  # ratio of the ends from which on the interval of a positive number is called open
 
 
 @checked
@@ -47,10 +47,10 @@ def report_text(calibration: Calibration) -> str:
         "# Calibration",
         *_number_table(calibration),
         *_recording_table(calibration),
-        *_profiles(calibration),
-        *_open(calibration),
-        *_held(calibration),
-        *_white(calibration),
+        *_profile_table(calibration),
+        *_open_directions(calibration),
+        *_held_table(calibration),
+        *_whiteness_table(calibration),
     ]
     parts += fits(calibration.comparisons)
     parts += left_out_tables(calibration.left_out)
@@ -115,6 +115,7 @@ def _number_data(number: IdentifiedNumber) -> dict[str, Any]:
 
 
 def _finite(value: float) -> float | None:
+    """Return the value, or `None` where it is not finite."""
     return value if np.isfinite(value) else None
 
 
@@ -143,11 +144,12 @@ def _number_table(calibration: Calibration) -> Iterator[str]:
             f"{number.value:.4g} | {number.unit} | {number.sigma:.2g} | {_ends(number.interval)}"
         )
         determined = "yes" if number.determined else "no"
-        yield (f"| {number.name} | {columns} | {determined} | {_in_file(calibration, number)} |")
+        in_file = _in_file(calibration, number)
+        yield f"| {number.name} | {columns} | {determined} | {in_file} |"
 
 
 def _recording_table(calibration: Calibration) -> Iterator[str]:
-    """Tabulate the numbers that each recording has for itself, such as its current; nothing where
+    """Tabulate the unknowns that each recording has for itself, such as its current; nothing where
     none are learnt.
     """
     unknowns = calibration.subject.vehicle.per_recording
@@ -165,6 +167,7 @@ def _recording_table(calibration: Calibration) -> Iterator[str]:
 
 
 def _in_file(calibration: Calibration, number: IdentifiedNumber) -> str:
+    """Write whether the robot's file gets a number."""
     if number.quantity not in IN_FILE or not calibration.exported.usable:
         return "no"
     if number.name in calibration.exported.kept:
@@ -172,7 +175,8 @@ def _in_file(calibration: Calibration, number: IdentifiedNumber) -> str:
     return "yes"
 
 
-def _profiles(calibration: Calibration) -> Iterator[str]:
+def _profile_table(calibration: Calibration) -> Iterator[str]:
+    """Tabulate profiles beside intervals by standard errors; nothing where there are none."""
     if not calibration.profiles:
         return
     yield report_prose.PROFILES
@@ -194,7 +198,8 @@ def _ends(interval: tuple[float, float]) -> str:
     return f"{low:.4g} to {high:.4g}"
 
 
-def _open(calibration: Calibration) -> Iterator[str]:
+def _open_directions(calibration: Calibration) -> Iterator[str]:
+    """List the worst combinations that stay open, and what would determine them."""
     yield "\n## Combinations that the recordings leave open\n"
     if not calibration.open:
         yield "None."
@@ -206,7 +211,7 @@ def _open(calibration: Calibration) -> Iterator[str]:
         )
 
 
-def _held(calibration: Calibration) -> Iterator[str]:
+def _held_table(calibration: Calibration) -> Iterator[str]:
     """Tabulate the numbers that the fit took for known, and what each would change."""
     yield report_prose.HELD
     constants = {constant.quantity: constant for constant in calibration.constants}
@@ -216,9 +221,7 @@ def _held(calibration: Calibration) -> Iterator[str]:
             continue
         constant = constants.get(name)
         if constant is not None:
-            effect = (
-                f"{constant.known} | {constant.spread:g} | {constant.most} by {constant.change:.2g}"
-            )
+            effect = f"{constant.known} | {constant.spread:g} | {constant.most_changed} by {constant.change:.2g}"
         elif name in _OF_FILE or not calibration.constants:
             effect = "robot's file | - | -"
         else:
@@ -247,16 +250,19 @@ def _noise_row(constant: HeldConstant) -> str:
     """Write the row of a constant with a unit of its own, such as the noise of a sensor."""
     return (
         f"| {constant.quantity} | {constant.value:g} | {constant.unit} | {constant.known} |"
-        f" {constant.spread:g} | {constant.most} by {constant.change:.2g} |"
+        f" {constant.spread:g} | {constant.most_changed} by {constant.change:.2g} |"
     )
 
 
-def _white(calibration: Calibration) -> Iterator[str]:
+def _whiteness_table(calibration: Calibration) -> Iterator[str]:
+    """Tabulate the whiteness of the residuals, channel by channel."""
     yield report_prose.WHITE.format(level=LEVEL)
     for test in calibration.whiteness:
         word = "yes" if test.white else "no"
-        p = f"{test.p:.2g}" if test.p > LEAST_P else f"below {LEAST_P:g}"
-        yield f"| {test.channel} | {test.size:.2g} | {test.inflation:.3g} | {p} | {word} |"
+        p_value = f"below {LEAST_P:g}"
+        if test.p > LEAST_P:
+            p_value = f"{test.p:.2g}"
+        yield f"| {test.channel} | {test.size:.2g} | {test.inflation:.3g} | {p_value} | {word} |"
 
 
 @checked
@@ -270,7 +276,7 @@ def excitation_text(excitation: experiment_design.Excitation, actuators: Sequenc
 
 
 def _course(excitation: experiment_design.Excitation, actuators: Sequence[str]) -> Iterator[str]:
-    """Yield where a design leads, and what one recording of it is expected to determine."""
+    """Yield how far a design leads, and what one recording of it is expected to determine."""
     spans = [f"{low:+.2f} to {high:+.2f}" for low, high in excitation.swept.T]
     step = float(excitation.commands.t[1] - excitation.commands.t[0])
     tilt = 2.0 * np.arcsin(np.hypot(*excitation.states[:, 3:5].T).max())

@@ -1,6 +1,4 @@
-"""Predict that a vehicle does not move: baselines, which other predictions are worth as much as they are
-better than.
-"""
+"""Predict that a vehicle does not move: baselines, by which predictions are judged."""
 
 from __future__ import annotations
 
@@ -12,16 +10,20 @@ from uvms_ocp.identification.predictor import Predicted
 from uvms_ocp.identification.resampling import interpolated
 from uvms_ocp.identification.segments import Segment
 
-# Quaternions (xyzw) of the attitudes whose vertical in B is each of B's axes.
-_UPRIGHT = ((0.0, -(0.5**0.5), 0.0, 0.5**0.5), (0.5**0.5, 0.0, 0.0, 0.5**0.5), (0.0, 0.0, 0.0, 1.0))
+_HALF = 0.5**0.5
+_UPRIGHT = ((0.0, -_HALF, 0.0, _HALF), (_HALF, 0.0, 0.0, _HALF), (0.0, 0.0, 0.0, 1.0))
+"""Quaternions (xyzw) of the attitudes in which W's vertical is the x, the y and the z axis of B."""
 
 
 def static_baseline(segment: Segment, start_window: float) -> Predicted:
-    """Predict that a vehicle does not move and stays as it was seen last, `start_window` [s] after
-    the beginning of a segment.
+    """Predict that a vehicle does not move and keeps its last attitude of the first `start_window`
+    [s] of a segment.
     """
     samples = np.flatnonzero(segment.t[2] <= segment.edges[0] + start_window)
-    vertical = segment.measured[2][samples[-1] if len(samples) else 0]
+    last_sample = 0
+    if len(samples):
+        last_sample = samples[-1]
+    vertical = segment.measured[2][last_sample]
     return _resting(segment, np.broadcast_to(vertical, (len(segment.t[2]), 3)))
 
 
@@ -39,12 +41,11 @@ class StaticBalance:
         dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
         poses = [ca.vertcat(ca.DM.zeros(3), ca.DM(turn), joints) for turn in _UPRIGHT]
         g = float(np.linalg.norm(vehicle.dynamics.model.gravity.linear))
-        moment = as_measured(
-            values, ca.vertcat(*(dynamics.potential_energy(pose) for pose in poses)) / g
-        )
+        energies = ca.vertcat(*(dynamics.potential_energy(pose) for pose in poses))
+        moment = as_measured(values, energies / g)
         self._function = ca.Function("balance", [joints, shared], [ca.densify(moment)])
-        """``joints (n_j,), shared (n,) -> first moment (3,)`` [kg m] of mass, what is displaced
-        counting negative.
+        """``joints (n_j,), shared (n,) -> first moment (3,)`` [kg m] of mass in B, less that of the
+        displaced water.
         """
 
     def vertical(self, joints: np.ndarray, shared: np.ndarray) -> np.ndarray:
@@ -65,5 +66,6 @@ class StaticBalance:
 
 
 def _resting(segment: Segment, vertical: np.ndarray) -> Predicted:
+    """Predict zero velocities, and the vertical (m, 3) [-] in B."""
     resting = tuple(np.broadcast_to(0.0, values.shape) for values in segment.measured[:2])
     return Predicted(t=segment.t, rows=(*resting, vertical), measured=segment.measured)

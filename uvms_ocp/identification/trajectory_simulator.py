@@ -36,9 +36,9 @@ class TrajectorySimulator:
         self.delay = float(np.asarray(delays)[0, 0])
         command_delay_slope, velocity_delay_slope = np.asarray(slopes)
         self._delay_slope = command_delay_slope
-        """(n_p,) [s per unknown] how the delay of commands changes with the unknowns."""
+        """(n_p,) [s per unknown] slope of the delay of commands."""
         self._velocity_delay_slope = velocity_delay_slope
-        """(n_p,) [s per unknown] how the delay of velocities changes with the unknowns."""
+        """(n_p,) [s per unknown] slope of the delay of velocities."""
 
     def states(self, u: np.ndarray) -> np.ndarray:
         """Simulate states (n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as
@@ -159,15 +159,17 @@ class ExperimentTrajectory:
     x: np.ndarray
     """(n + 1, n_x) [as `StageFunctions`] states."""
     u: np.ndarray
-    """(n, n_u) [N, N m] commands as they act, late."""
+    """(n, n_u) [N, N m] commands as they act, after their delay."""
     late: np.ndarray
-    """(n, n_u) [N/s, N m/s] by which they change with the delay."""
+    """(n, n_u) [N/s, N m/s] slopes of these commands with the delay."""
     y: np.ndarray
     """(n + 1, 9) [as `StageFunctions.outputs`] outputs."""
     slopes: tuple[np.ndarray, ...]
-    """A (n, n_x, n_x), B (n, n_x, n_p) and C (n, n_x, n_u) [any] of the steps."""
+    """Slopes of the steps: A (n, n_x, n_x), B (n, n_x, n_p) and C (n, n_x, n_u) [any], by states,
+    unknowns and commands.
+    """
     S: np.ndarray
-    """(n + 1, n_x, n_p) [any] how states change with the unknowns."""
+    """(n + 1, n_x, n_p) [any] slopes of the states with the unknowns."""
     y_x: np.ndarray
     """(n + 1, 9, n_x) [any] slopes of the outputs with the states."""
     J: np.ndarray

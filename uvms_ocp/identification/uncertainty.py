@@ -19,14 +19,15 @@ DETERMINED = 0.3
 """Largest standard error of a coordinate, relative for what is positive, with which it counts as
 determined.
 """
-NEXT_TO_NOTHING = 1e-12  # of information: all that is known where there is none
-_LEAST_SHARE = 0.3  # of the largest entry of a combination
+NEXT_TO_NOTHING = 1e-12
+"""[1 / unknowns^2] information that stands for none, so that no matrix is singular."""
+_MAIN_SHARE = 0.3  # of the largest entry of a combination, from which on an entry is named
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
     """Compute the covariance (n, n) [unknowns^2] of the shared unknowns, by recordings and priors.
 
-    inflation: samples that miss alike, as `variance_inflation` finds. Priors of delays are as wide
+    inflation: number of samples that miss alike, by `variance_inflation`. Priors of delays are as wide
     in seconds as where the search began: next to 0 a coordinate says nothing of the other side.
     """
     shared = vehicle.shared
@@ -34,19 +35,19 @@ def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> 
     widening = np.where(is_delay, np.cosh(estimate.shared) / np.cosh(shared.start), 1.0)
     prior_sigma = shared.sigma * np.maximum(widening, 1.0) ** 2
     prior = np.diag(1.0 / prior_sigma**2 + NEXT_TO_NOTHING)
-    known = _data(vehicle, estimate, inflation) + prior
+    information = _data(vehicle, estimate, inflation) + prior
     try:
-        covariance_by_data = np.linalg.inv(known)
+        noise_covariance = np.linalg.inv(information)
     except np.linalg.LinAlgError:  # unknowns that differ by powers of ten in what is known of them
-        scale = 1.0 / np.sqrt(np.diag(known))
-        scaled = known * np.outer(scale, scale) + NEXT_TO_NOTHING * np.eye(len(known))
-        covariance_by_data = np.linalg.inv(scaled) * np.outer(scale, scale)
-    return np.asarray(covariance_by_data + estimate.assumed)
+        scale = 1.0 / np.sqrt(np.diag(information))
+        scaled = information * np.outer(scale, scale) + NEXT_TO_NOTHING * np.eye(len(information))
+        noise_covariance = np.linalg.inv(scaled) * np.outer(scale, scale)
+    return np.asarray(noise_covariance + estimate.assumed)
 
 
 def standard_errors(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """Compute standard errors (n,) [as `Unknowns.start`] of the shared unknowns. inflation: samples
-    that miss alike, as `variance_inflation` finds.
+    """Compute standard errors (n,) [as `Unknowns.start`] of the shared unknowns; inflation:
+    number of samples that miss alike, by `variance_inflation`.
     """
     return np.sqrt(np.diag(covariance(vehicle, estimate, inflation)))
 
@@ -66,7 +67,7 @@ def unidentifiable_directions(
 ) -> tuple[UnidentifiableDirection, ...]:
     """List combinations of which less is known than `DETERMINED`, the worst first.
 
-    inflation: samples that miss alike, as `variance_inflation` finds.
+    inflation: number of samples that miss alike, by `variance_inflation`.
     """
     values, axes = np.linalg.eigh(_data(vehicle, estimate, inflation))
     directions = []
@@ -74,7 +75,7 @@ def unidentifiable_directions(
         sigma = 1.0 / np.sqrt(max(float(value), NEXT_TO_NOTHING))
         if sigma > DETERMINED:
             order = np.argsort(-np.abs(axis))
-            main = [i for i in order if abs(axis[i]) > _LEAST_SHARE * abs(axis[order[0]])]
+            main = [i for i in order if abs(axis[i]) > _MAIN_SHARE * abs(axis[order[0]])]
             shares = tuple((vehicle.shared.names[i], float(axis[i])) for i in main)
             directions.append(UnidentifiableDirection(sigma=sigma, shares=shares))
     return tuple(directions)

@@ -36,11 +36,14 @@ from uvms_ocp.identification.whiteness import variance_inflation
 HORIZONS = (5.0, 20.0, 60.0)
 """[s] over which recordings are predicted, the last one as long as they are."""
 OTHERS = "identified on the others"
+"""Name of the predictor that was fitted to other recordings."""
 BEFORE = "before"
+"""Name of the predictor with the vehicle as declared."""
 STATIC = NOTHING_MOVES
+"""Name of the predictor that keeps the first attitude, with zero velocities."""
 BALANCE = "static balance"
-"""Names of predictors; the last two predict zero velocities."""
-_DRAWS = 12  # of the unknowns, from what is known of them
+"""Name of the predictor that rests where weight and buoyancy balance, with zero velocities."""
+_DRAWS = 12  # of the unknowns, by their covariance
 
 
 def leave_one_out(
@@ -51,9 +54,9 @@ def leave_one_out(
 ) -> Iterator[HeldOutRecording]:
     """Hold out and predict each recording; horizons [s]; progress gets a line for each.
 
-    bounds: vehicles that have seen all recordings, whose predictions stand beside. The search on
-    the others begins where the vehicle is declared: nothing of the recording that is left out is
-    known to it. Raises `InvalidInput` where there is one recording alone.
+    bounds: vehicles that have seen all recordings, whose predictions are added. The search on the
+    remaining recordings begins where the vehicle is declared: it knows nothing of the recording
+    that is left out. Raises `InvalidInput` where there is one recording alone.
     """
     if len({prepared.recording.source for prepared in fitted.prepared}) < 2:
         raise InvalidInput("one recording given; leave-one-out needs at least 2")
@@ -72,7 +75,7 @@ def predict_others(
 ) -> Iterator[HeldOutRecording]:
     """Predict recordings that a fit has not seen; horizons [s]; progress gets a line for each.
 
-    bounds: vehicles that have seen these recordings, whose predictions stand beside. Raises
+    bounds: vehicles that have seen these recordings, whose predictions are added. Raises
     `InvalidInput` for a recording that the fit has seen.
     """
     sources = {prepared.recording.source for prepared in fitted.prepared}
@@ -89,15 +92,16 @@ def predict_others(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HeldOutRecording:
-    """A recording that was left out."""
+    """A recording that a fit has not seen, with its predictions."""
 
     name: str
+    """Name of the recording."""
     estimate: Estimate
-    """Estimate from the other recordings alone, with their starts."""
+    """Estimate from other recordings alone, with their starts."""
     predictor: Predictor
     """Predictor with that estimate."""
     horizons: tuple[HorizonPrediction, ...]
-    """Horizons over which that prediction stays finite."""
+    """Predictions over each horizon, where they stay finite."""
 
     @property
     def worse_than_still(self) -> tuple[WorseThanStill, ...]:
@@ -119,25 +123,23 @@ class HorizonPrediction:
     asked: float
     """[s] horizon that was asked for."""
     length: float
-    """[s] part of it that the recording has."""
+    """[s] horizon, as far as the recording is long enough for it."""
     by: Mapping[str, Predicted]
-    """Predictions of these samples, by the name of the predictor."""
+    """Predictions of the recording, by the name of the predictor."""
     bounds: Mapping[str, Predicted]
-    """The same samples, by vehicles that have seen them: `TOGETHER` and `ALONE`; empty without
+    """Predictions by vehicles that have seen the recording, by `TOGETHER` and `ALONE`; empty without
     bounds.
     """
     open_error: np.ndarray
-    """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` from the uncertainty of the unknowns
-    that the other recordings leave.
+    """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` that follows from the uncertainty of the
+    unknowns.
     """
     seen_error: np.ndarray
-    """(7,) [m/s, rad/s, deg] that the fit has left in the recordings that it was made from."""
+    """(7,) [m/s, rad/s, deg] error of `SCORED` in the recordings that the vehicle was fitted to."""
 
     @property
     def expected_error(self) -> np.ndarray:
-        """(7,) [m/s, rad/s, deg] by how much the prediction may err, one standard deviation of
-        `SCORED`.
-        """
+        """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` by which the prediction may err."""
         return np.hypot(self.open_error, self.seen_error)
 
     @property

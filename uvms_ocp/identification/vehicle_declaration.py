@@ -26,12 +26,13 @@ from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import AXES as AXES
 
 LONGEST_DELAY = 1.0
-"""[s] of commands and of measurements."""
+"""[s] longest delay of commands and of measurements that can be learnt."""
 _SPEED = 0.3  # [m/s, rad/s] size that velocities have
 _SHORTEST_DELAY = 1e-3  # [s] from which a search for a delay of commands begins, at least
 _VELOCITY_DELAY = 0.01  # [s] from which a search for a delay of velocities begins, at least
 _XYZ = ("x", "y", "z")
 Pairs = tuple[tuple[int, int], ...]
+"""Pairs of axes, by their indices."""
 
 
 def vehicle_declaration(
@@ -58,6 +59,7 @@ def vehicle_declaration(
 
 
 def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
+    """Declare mass, its distribution, volume and centre of buoyancy."""
     S = second_moment(start.inertia)
     moments = PositiveDefinite(
         axes=_XYZ, scale=np.sqrt(np.diag(S)), couplings=((0, 1), (0, 2), (1, 2))
@@ -74,23 +76,24 @@ def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
     }
 
 
-def _water(start: NominalParameters, coupled: AxisCouplings) -> dict[str, Quantity]:
+def _water(start: NominalParameters, couplings: AxisCouplings) -> dict[str, Quantity]:
+    """Declare added mass and drag."""
     added = PositiveDefinite(
         axes=AXES,
         scale=np.sqrt(np.diag(start.added_mass)),
-        couplings=coupled.added_mass,
+        couplings=couplings.added_mass,
     )
     symmetric = PositiveDefinite(
         axes=AXES,
         scale=np.sqrt(np.diag(start.linear_drag)),
-        couplings=coupled.linear_drag,
+        couplings=couplings.linear_drag,
     )
     linear = LinearDrag(symmetric=symmetric)
     quadratic = QuadraticDrag(
         axes=AXES,
         scale=np.diag(start.quadratic_drag),
         speed=np.full(6, _SPEED),
-        couplings=coupled.quadratic_drag,
+        couplings=couplings.quadratic_drag,
     )
     return {
         "added_mass": Quantity.fixed("kg, kg m, kg m2", added, start.added_mass),
@@ -101,26 +104,26 @@ def _water(start: NominalParameters, coupled: AxisCouplings) -> dict[str, Quanti
     }
 
 
-def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
-    positives = Positives(names=driven.names)
-    ones = np.ones(len(driven.names))
+def _actuation(actuators: ActuatorModel) -> dict[str, Quantity]:
+    """Declare gains, lag, dead zones, bias and delay of the actuators."""
+    positives = Positives(names=actuators.names)
+    ones = np.ones(len(actuators.names))
     return {
         "gain": Quantity.fixed("-", positives, ones),
         "reverse": Quantity.fixed("-", positives, ones),
-        "lag": Quantity.fixed("s", Positives(names=("",)), np.array([driven.lag])),
-        "dead_zone": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
-        "dead_zone_reverse": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
+        "lag": Quantity.fixed("s", Positives(names=("",)), np.array([actuators.lag])),
+        "dead_zone": Quantity.fixed("N, N m", positives, ones * actuators.dead_zone),
+        "dead_zone_reverse": Quantity.fixed("N, N m", positives, ones * actuators.dead_zone),
         "bias": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6)),
-        "delay": _delay(driven.delay, begin=max(driven.delay, _SHORTEST_DELAY)),
+        "delay": _delay(actuators.delay, begin=max(actuators.delay, _SHORTEST_DELAY)),
     }
 
 
 def _sensing(velocity_delay: float) -> dict[str, Quantity]:
-    """Declare the sensors; that of attitude and its rate sits in B turned by a rotation vector, to
-    which each recording adds an offset.
+    """Declare the sensors, and what each recording has for itself.
 
-    A recording has for itself, too, its current, a force that nobody knows, and the bias of its
-    gyro.
+    The sensor of attitude and rate sits in B turned by a rotation vector, to which each recording
+    adds an offset. Each recording also has its current, an unknown force, and the bias of its gyro.
     """
     return {
         "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
@@ -146,30 +149,30 @@ def _delay(delay: float, begin: float) -> Quantity:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NominalParameters:
-    """Nominal numbers of the vehicle, where the search begins and by which coordinates are scaled;
-    positive for each axis.
+    """Nominal numbers of the vehicle, where the search begins, and by which coordinates are scaled:
+    those of each axis are positive.
     """
 
     mass: float
-    """[kg]"""
+    """[kg] of the rigid body."""
     centre_of_mass: np.ndarray
-    """(3,) [m] in the frame of the vehicle's joint."""
+    """(3,) [m] of the rigid body, in the frame of the vehicle's joint."""
     inertia: np.ndarray
-    """(3, 3) [kg m2] about the centre of mass."""
+    """(3, 3) [kg m2] of the rigid body, about the centre of mass."""
     volume: float
-    """[m3]"""
+    """[m3] of displaced water."""
     centre_of_buoyancy: np.ndarray
     """(3,) [m] in the frame of the coefficients."""
     added_mass: np.ndarray
-    """(6, 6) [kg, kg m, kg m2]"""
+    """(6, 6) [kg, kg m, kg m2] added mass about the frame of the coefficients, linear rows first."""
     linear_drag: np.ndarray
-    """(6, 6) [N/(m/s), N m/(rad/s)]"""
+    """(6, 6) [N/(m/s), N m/(rad/s)] linear drag, linear rows first."""
     quadratic_drag: np.ndarray
-    """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
+    """(6, 6) [N/(m/s)^2, N m/(rad/s)^2] quadratic drag, linear rows first."""
 
     @staticmethod
     def of(dynamics: SymbolicDynamics, link: int = 0) -> NominalParameters:
-        """Read them from the model: of a link in water, and of the joint body that carries it."""
+        """Read the numbers of a link in water, and of the rigid body that carries it, from the model."""
         wet = dynamics.links[link]
         body = dynamics.model.inertias[dynamics.joint_of(link)]
         return NominalParameters(
@@ -189,23 +192,23 @@ class ActuatorModel:
     """Actuators of the vehicle: thrusters, or the wrench as commanded."""
 
     names: tuple[str, ...] = AXES
-    """(n,) of the actuators."""
+    """(n,) names of the actuators."""
     wrench: np.ndarray = field(default_factory=lambda: np.eye(6))
-    """(6, n) [-, m] per unit of each actuator, linear rows first."""
+    """(6, n) [-, m] wrench per unit of each actuator, linear rows first."""
     allocation: np.ndarray = field(default_factory=lambda: np.eye(6))
-    """(n, m) [-, 1/m] command of each actuator per unit of the recorded commands."""
+    """(n, m) [-, 1/m] commands of the actuators per unit of the recorded commands."""
     lag: float = 0.1
-    """[s] time constant of all of them."""
+    """[s] time constant of all actuators."""
     dead_zone: float = 1e-3
-    """[N, N m] below which nothing comes of a command."""
+    """[N, N m] command below which nothing comes of it."""
     whole_beyond: bool = False
-    """True where a command beyond it acts in full, as for thrusters of robot files; else the size
-    of the dead zone is missing.
+    """True where a command beyond the dead zone acts in full, as for thrusters of robot files; else
+    it acts less the size of the dead zone.
     """
     delay: float = 0.1
     """[s] between a command and its effect, lag aside."""
     commands: str = ""
-    """Channel of a recording that has them; empty for the only one that a recording has."""
+    """Channel of a recording with the commands; empty for the only one that a recording has."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -213,8 +216,10 @@ class AxisCouplings:
     """Pairs of axes that may act on each other."""
 
     added_mass: Pairs = ()
-    """In any order."""
+    """Pairs of axes that are coupled in the added mass, in any order."""
     linear_drag: Pairs = ()
-    """In any order."""
+    """Pairs of axes that are coupled in the linear drag, in any order."""
     quadratic_drag: Pairs = ()
-    """Row and column: the force on the first axis from the motion of the second."""
+    """Rows and columns that are coupled in the quadratic drag: the force on the first axis from the
+    motion of the second.
+    """

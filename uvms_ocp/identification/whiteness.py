@@ -16,21 +16,23 @@ from uvms_ocp.identification import parameters
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.predictor import Predicted
 
-_MOVED = 0.1  # [noise] less is left of what does not move, as along an axis that is held
 CHANNELS = (*parameters.AXES, "vertical x", "vertical y", "vertical z")
-"""Channels of the three sensors, three of each."""
+"""Channels of velocity, angular velocity and vertical, three of each."""
 LEVEL = 0.05
 """Level of the test: share of white residuals that it takes for coloured."""
 LEAST_P = 1e-6
-"""Chance that is not told more exactly."""
-_LAGS = 20
+"""p-value below which no digits are written."""
+_LAGS = 20  # of the autocorrelation that the test looks at
+_STILL = 0.1  # [noise] range of residuals below which a channel did not move, as along a held axis
 
 
 def whiteness(predicted: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
     """Test the whiteness of every channel in `CHANNELS` that has residuals."""
-    return tuple(
-        _whiteness(*entry) for entry in _residuals(predicted, noise) if np.ptp(entry[1]) > 0.0
-    )
+    tests = []
+    for channel, residual, t in _residuals(predicted, noise):
+        if np.ptp(residual) > 0.0:
+            tests.append(_whiteness(channel, residual, t))
+    return tuple(tests)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -38,16 +40,17 @@ class Whiteness:
     """Whiteness test of the residuals of one channel."""
 
     channel: str
+    """Name of the channel, of `CHANNELS`."""
     size: float
-    """Root mean square of the residuals, by the noise that was expected."""
+    """Root mean square of the residuals, in standard deviations of the noise."""
     inflation: float
-    """Samples that miss alike, by Bartlett's formula."""
+    """Number of samples that miss alike, by Bartlett's formula."""
     p: float
     """p-value of the Ljung-Box test."""
     correlation: np.ndarray
     """(k + 1,) autocorrelation from lag 0 on, in samples."""
     interval: float
-    """[s] between samples, in the median."""
+    """[s] median interval between samples."""
     bound: float
     """Bound within which 95 % of the correlations of white noise lie."""
 
@@ -74,7 +77,7 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
     """
     inflations = []
     for _, residual, _ in _residuals(predicted, noise):
-        if np.ptp(residual) > _MOVED:
+        if np.ptp(residual) > _STILL:
             square = float((residual**2).mean())
             inflations.append(square * bartlett(residual - residual.mean()))
     inflation = max(1.0, float(np.mean(inflations or [1.0])))
@@ -118,10 +121,10 @@ def autocorrelation(residual: np.ndarray) -> np.ndarray:
     return np.asarray(covariances / max(float(covariances[0]), 1e-300))
 
 
-def _whiteness(name: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
+def _whiteness(channel: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
     p, rho = ljung_box(residual)
     return Whiteness(
-        channel=name,
+        channel=channel,
         size=float(np.sqrt((residual**2).mean())),
         inflation=bartlett(residual - residual.mean()),
         p=p,
