@@ -1,5 +1,5 @@
-"""The robot that a calibration is about, as its settings have it: with its file's numbers, and as a
-vehicle with unknowns.
+"""Load the robot that is to be calibrated, with the numbers of its files, and declare the unknowns of its
+vehicle by the settings.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thruster_matrix
 
 SHAPE_SPREADS = {"added_mass": 0.7, "quadratic_drag": 0.7, "volume": 0.7, "linear_drag": 2.0}
-"""Relative deviations of coefficients that a shape gives, priors where settings give none: rules
-are right to a factor of two.
+"""Relative standard deviations of coefficients that follow from a shape, priors where settings give
+none: rules for shapes are right to a factor of two.
 """
-_VEHICLE = 1  # joint of Pinocchio's, after the universe
+_VEHICLE_JOINT = 1  # of Pinocchio, after the universe
 _SHAPES = ("box", "cylinder", "sphere")
 """Keys of the shapes by which a robot's file may describe a link."""
-_DELAY = 0.05  # [s] of commands, where a search of it begins
+_DELAY = 0.05  # [s] of commands, where a search for it begins
 _DELAY_SPREAD = 2.0  # of the logarithm of a delay
 _NOT_ZERO = 1e-3  # [s], [N] in place of 0: logarithms are searched
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CalibratedRobot:
-    """Robot of the settings, and its vehicle with what is to be learnt as unknowns."""
+    """Robot of the settings, and its vehicle with unknowns for all that is to be learnt."""
 
     robot: Robot
     """The robot with the numbers of its file, without its arm where that is taken off."""
@@ -58,7 +58,7 @@ class CalibratedRobot:
     start: NominalParameters
     """Numbers of the file, where the search begins."""
     file: Path
-    """Hydrodynamics of the robot."""
+    """Path of the robot's hydrodynamics."""
 
     @property
     def frame(self) -> str:
@@ -66,30 +66,27 @@ class CalibratedRobot:
         return self.vehicle.dynamics.links[self.vehicle.link].frame
 
     def hull_in_body(self, hull: Sequence[Sequence[float]]) -> np.ndarray:
-        """Compute the (2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and
+        """Compute the (2, 3) [m] box in B around a hull in the frame of the link, each by its lowest and
         highest corner [m].
         """
         model = self.vehicle.dynamics.model
-        return _box_around(model.frames[model.getFrameId(self.frame)].placement, hull)
+        frame = model.frames[model.getFrameId(self.frame)]
+        return _box_around(frame.placement, hull)
 
     def coefficients(self) -> LinkCoefficients:
-        """Return the coefficients of the link in the robot's file, or of its shape there, which
+        """Return the coefficients of the link, of the robot's file or of the shape in it, which
         identified ones replace.
 
-        Raises InvalidInput for a link that has neither, or has them along axes that are not its
-        own.
+        Raises InvalidInput for a link without either, or with coefficients along axes of another
+        frame.
         """
         description = self.robot.description
         link = description.links.get(self.frame)
-        if link is None:
-            nominal = None
-        else:
+        nominal = None
+        if link is not None:
             nominal = link.coefficients or _of_shape(description, self.frame)
-        if (
-            nominal is None
-            or description.convention != "FLU"
-            or np.round(nominal.pose.rpy, 9).any()
-        ):
+        is_along_link = nominal is not None and not np.round(nominal.pose.rpy, 9).any()
+        if nominal is None or not is_along_link or description.convention != "FLU":
             raise InvalidInput(
                 f"{self.frame}: give it coefficients along the axes of its link, in FLU, to have it"
                 " calibrated"
@@ -147,8 +144,8 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> Calib
 def with_delays(
     subject: CalibratedRobot, settings: CalibrationSettings, *, at_once: bool
 ) -> CalibratedRobot:
-    """Add the delays that settings say nothing of to a robot: none where commands act at once, else
-    unknown and learnt.
+    """Set the delays that the settings leave open: to none where commands act at once, else they are
+    learnt.
     """
     unstated = []
     for name in parameters.DELAYS:
@@ -175,17 +172,21 @@ def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | No
     """
     urdf = folder / settings.robot
     if not urdf.is_file() and urdf.suffix not in ROBOT_SUFFIXES:
-        robot_folder = urdf if urdf.is_dir() else loading.robot_folder(settings.robot)
+        robot_folder = urdf
+        if not urdf.is_dir():
+            robot_folder = loading.robot_folder(settings.robot)
         urdf = robot_file_in(robot_folder)
     if settings.hydrodynamics is not None:
         return urdf, folder / settings.hydrodynamics
     file = urdf.parent / "hydrodynamics.yaml"
-    return urdf, file if file.is_file() else None
+    if file.is_file():
+        return urdf, file
+    return urdf, None
 
 
 def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
-    """Return the wrench as commanded, or the robot's thrusters, with what the settings say of
-    them.
+    """Return the actuators: the wrench as commanded, or the robot's thrusters, with the lag, delay and
+    dead zone of the settings.
     """
     stated: dict[str, Any] = {}
     for name in ("lag", "dead_zone"):
@@ -214,10 +215,10 @@ def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
 
 
 def _vehicle_link(robot: Robot, dynamics: symbolic_dynamics.SymbolicDynamics) -> int:
-    """Find the place in ``dynamics.links`` of the largest that the vehicle itself carries: a file
-    has them in any order.
-    """
-    carried = [link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE]
+    """Find the index in ``dynamics.links`` of the largest link that the vehicle itself carries."""
+    carried = [
+        link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE_JOINT
+    ]
     if not carried:
         wet = ", ".join(link.frame for link in dynamics.links)
         raise InvalidInput(
@@ -228,8 +229,8 @@ def _vehicle_link(robot: Robot, dynamics: symbolic_dynamics.SymbolicDynamics) ->
 
 
 def _box_around(X: pin.SE3, box: Sequence[Sequence[float]]) -> np.ndarray:
-    """Compute the (2, 3) [m] lowest and highest corner of a box around one of another frame, which
-    X places.
+    """Compute the (2, 3) [m] lowest and highest corner of a box around a box whose frame has the pose
+    X.
     """
     middle = X.act(np.mean(box, axis=0))
     reach = np.abs(X.rotation) @ (np.diff(box, axis=0)[0] / 2)

@@ -1,7 +1,7 @@
-"""Check each column of a pose for itself against the velocity along its axis: a unit, or a sign, that
-the columns beside it do not have, such as of a depth beside x and y.
+"""Check each column of a pose against the velocity along its axis: one may have a unit or a sign that
+the columns beside it do not have, such as a depth beside x and y.
 
-Heights are of another sensor than places, and angles of a table may be of either unit.
+Heights come from another sensor than x and y, and angles of a table may be in either unit.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from uvms_ocp.identification.resampling import (
 from uvms_ocp.identification.series_agreement import MOVES, WINDOW, correlation
 
 _PERIOD = 2.0  # [s] over which displacements are compared
-_LEAST = 0.02  # [m] standard deviation of displacements that tell a scale
-_AGREES = 0.9  # correlation from which on two columns are of the same motion
-_SAME = 1.3  # factor by which columns of one unit may differ
-_OTHER = 1.9  # factor from which on a column is in another unit
-_CLOSE = 0.06  # share by which an observed factor may differ from that of a unit
+_MIN_MOTION = 0.02  # [m] standard deviation of displacements that tell a scale
+_MIN_CORRELATION = 0.9  # from which on two columns are of the same motion
+_SAME_UNIT = 1.3  # factor by which columns of one unit may differ
+_FOREIGN_UNIT = 1.9  # factor from which on a column is in another unit
+_UNIT_ERROR = 0.06  # share by which an observed factor may differ from that of a unit
 _FASTEST_TURN = 2.0  # [rad/s] beyond which it is the gyro that is in degrees
 _LENGTHS = {"cm": 100.0, "mm": 1000.0, "ft": 3.28084, "km": 1e-3}
-"""Numbers of each unit in a metre."""
-_DEGREES = 180.0 / np.pi
+"""Number of units in a metre."""
+_DEGREES = 180.0 / np.pi  # in a radian
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Displacements:
-    """Ways over `_PERIOD` from each of uniform times, by positions and by velocities."""
+    """Displacements over `_PERIOD` from each of uniform times."""
 
     by_position: np.ndarray
-    """(m, 3) [m] in W."""
+    """(m, 3) [m] in W, differences of positions."""
     by_velocity: np.ndarray
-    """(m, 3) [m] in W."""
+    """(m, 3) [m] in W, integrals of velocities."""
 
 
 def of_columns(recording: Recording) -> Iterator[tuple[str, str]]:
@@ -61,7 +61,7 @@ def height_scale(recording: Recording) -> float | None:
     ways = displacements(recording)
     if ways is None:
         return None
-    return _column_factor(ways.by_velocity[:, 2], ways.by_position[:, 2], _LEAST)
+    return _column_factor(ways.by_velocity[:, 2], ways.by_position[:, 2], _MIN_MOTION)
 
 
 def displacements(recording: Recording) -> Displacements | None:
@@ -85,13 +85,13 @@ def displacements(recording: Recording) -> Displacements | None:
     return Displacements(by_position=places[n:] - places[:-n], by_velocity=way[n:] - way[:-n])
 
 
-def _column_factor(expected: np.ndarray, measured: np.ndarray, least: float) -> float | None:
+def _column_factor(expected: np.ndarray, measured: np.ndarray, min_motion: float) -> float | None:
     """Compute the factor, with its sign, by which measured (m,) [any] is larger than expected (m,)
-    [any]; `None` where they do not agree, or less than `least` is expected.
+    [any]; `None` where they do not agree, or expected moves by less than `min_motion` [any].
     """
     x = expected - expected.mean()
     y = measured - measured.mean()
-    if x.std() < least or abs(correlation(x, y)) < _AGREES:
+    if x.std() < min_motion or abs(correlation(x, y)) < _MIN_CORRELATION:
         return None
     return float(np.sign(x @ y) * np.linalg.norm(y) / np.linalg.norm(x))
 
@@ -103,21 +103,20 @@ def _of_position(recording: Recording) -> Iterator[str]:
         return
     factors = []
     for k in range(3):
-        factors.append(_column_factor(ways.by_velocity[:, k], ways.by_position[:, k], _LEAST))
+        factors.append(_column_factor(ways.by_velocity[:, k], ways.by_position[:, k], _MIN_MOTION))
     horizontal = [factor for factor in factors[:2] if factor is not None]
-    usual = 1.0 if not horizontal else float(np.median(np.abs(horizontal)))
-    if usual > _OTHER or usual < 1.0 / _OTHER:  # of the whole channel
-        return
+    if horizontal and _is_foreign(float(np.median(np.abs(horizontal)))):
+        return  # the whole channel is in another unit
     heights = recording.channels["position"].values[:, 2]
     for k, factor in enumerate(factors):
         if k in recording.channels["position"].constants or factor is None:
             continue
-        is_alone = k == 2 or _are_same([f for j, f in enumerate(factors) if j != k and f])
-        is_other = abs(factor) > _OTHER or abs(factor) < 1.0 / _OTHER
+        factors_beside = [factor for j, factor in enumerate(factors) if j != k and factor]
+        is_alone = k == 2 or _are_same(factors_beside)
         falls = k == 2 and bool(horizontal) and factor < 0.0  # with height, as a pressure
-        is_other |= falls and unit_by_rate(-factor, _CLOSE) == "psi"
-        if is_other and is_alone:
-            yield from _other_unit(k, factor, heights)
+        is_psi = falls and unit_by_rate(-factor, _UNIT_ERROR) == "psi"
+        if is_alone and (is_psi or _is_foreign(abs(factor))):
+            yield from _unit_of_column(k, factor, heights)
         elif factor < 0.0 and k == 2 and horizontal and min(horizontal) > 0.0:
             yield (
                 "z alone moves against the velocity: a height of the other sign? give scale: [1,"
@@ -125,26 +124,34 @@ def _of_position(recording: Recording) -> Iterator[str]:
             )
 
 
+def _is_foreign(factor: float) -> bool:
+    """Check that a factor is that of another unit."""
+    return factor > _FOREIGN_UNIT or factor < 1.0 / _FOREIGN_UNIT
+
+
 def _are_same(factors: Sequence[float]) -> bool:
-    """Check that factors, of which there are some, are those of one unit."""
-    return bool(factors) and all(1.0 / _SAME < factor < _SAME for factor in factors)
+    """Check that there are factors, and that all are nearly 1."""
+    return bool(factors) and all(1.0 / _SAME_UNIT < factor < _SAME_UNIT for factor in factors)
 
 
-def _other_unit(k: int, factor: float, heights: np.ndarray) -> Iterator[str]:
+def _unit_of_column(k: int, factor: float, heights: np.ndarray) -> Iterator[str]:
     """Yield the unit of column k that changes by a factor [unit/m]."""
     axis = "xyz"[k]
     beside = f"{axis} alone is {factor:.3g} times the way that the velocity says"
-    unit = unit_by_rate(abs(factor), _CLOSE) if k == 2 else ""
+    unit = ""
+    if k == 2:
+        unit = unit_by_rate(abs(factor), _UNIT_ERROR)
     sign = -float(np.sign(factor))  # of a pressure, which falls with height
     # A millibar is nearly a centimetre: what presses more than air does, and is nearer to it.
     if unit and _presses(sign * heights, unit) and _is_nearest(abs(factor), unit):
         yield _of_pressure(beside, unit, sign, heights)
         return
     for length, per_metre in _LENGTHS.items():
-        if abs(abs(factor) / per_metre - 1.0) < _CLOSE:
+        if abs(abs(factor) / per_metre - 1.0) < _UNIT_ERROR:
             scale = [1.0, 1.0, 1.0]
             scale[k] = float(np.sign(factor)) / per_metre
-            yield f"{beside}: in {length}? give scale: [{', '.join(f'{f:.7g}' for f in scale)}]"
+            scale_text = ", ".join(f"{column_scale:.7g}" for column_scale in scale)
+            yield f"{beside}: in {length}? give scale: [{scale_text}]"
             return
     if unit:
         yield _of_pressure(beside, unit, sign, heights)
@@ -178,13 +185,15 @@ def _of_angles(attitude: Channel, gyro: Channel) -> Iterator[tuple[str, str]]:
         return
     rates = interpolated(t[inside], t_gyro, rates)
     omega = omega[inside]
+    min_motion = MOVES["angular_velocity"] / _DEGREES
     factors = []
     for k in range(3):
-        least = MOVES["angular_velocity"] / _DEGREES
-        factor = _column_factor(omega[:, k], rates[:, k], least)
-        factors.append(None if factor is None else abs(factor))
+        factor = _column_factor(omega[:, k], rates[:, k], min_motion)
+        if factor is not None:
+            factor = abs(factor)
+        factors.append(factor)
     known = [factor for factor in factors if factor is not None]
-    if not any(1.0 / _SAME < factor < _SAME for factor in known):
+    if not any(1.0 / _SAME_UNIT < factor < _SAME_UNIT for factor in known):
         return
     in_degrees = [k for k, factor in enumerate(factors) if _is_about(factor, _DEGREES)]
     if not in_degrees:
@@ -210,8 +219,8 @@ def _of_angles(attitude: Channel, gyro: Channel) -> Iterator[tuple[str, str]]:
 
 
 def _is_about(factor: float | None, expected: float) -> bool:
-    """Check that a factor is known and within `_SAME` of what is expected."""
-    return factor is not None and 1.0 / _SAME < factor / expected < _SAME
+    """Check that a factor is known and within `_SAME_UNIT` of what is expected."""
+    return factor is not None and 1.0 / _SAME_UNIT < factor / expected < _SAME_UNIT
 
 
 def _scale(columns: Sequence[int], factor: float) -> str:

@@ -23,15 +23,14 @@ from uvms_ocp.identification.resampling import ZeroOrderHold
 from uvms_ocp.identification.series_agreement import WAYS, named
 
 _COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
-# of what drag leaves: by how much more another time must explain, and how much
-_CLEARER = 0.1
-_CLEAR = 0.3
-_MORE = 0.3  # by which other axes of a wrench must explain more, of one axis
-_PARTS = {"forces": slice(0, 3), "moments": slice(3, 6)}
+_MIN_EXPLAINED = 0.3  # share of what drag leaves that a command must explain to be judged
+_MIN_GAIN_OF_SHIFT = 0.1  # share of the same that an implausible time must explain more
+_MIN_GAIN_OF_AXES = 0.3  # share of one axis that different axes of a wrench must explain more
+_WRENCH_ROWS = {"forces": slice(0, 3), "moments": slice(3, 6)}
 
 
 def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield channels and doubts about them."""
+    """Yield command channels and doubts about them."""
     names = [name for name in _COMMANDS if name in recording.channels]
     if not names:
         return
@@ -48,12 +47,12 @@ def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> 
     """Yield doubts about the clock of a command, and about the axes of a wrench."""
     signed = name == "wrench"
     shares = np.array([_shares(motion, commanded(held, motion, shift), signed) for shift in SHIFTS])
-    moved = shares.max(axis=0) > _CLEAR
+    moved = shares.max(axis=0) > _MIN_EXPLAINED
     if not moved.any():
         return
     share = shares[:, moved].mean(axis=1)
     late = float(SHIFTS[int(np.argmax(share))])
-    if share.max() > share[MAY].max() + _CLEARER:
+    if share.max() > share[MAY].max() + _MIN_GAIN_OF_SHIFT:
         if late > 0:
             when = f"{late:.2f} s after"
         else:
@@ -64,25 +63,23 @@ def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> 
 
 
 def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> Iterator[str]:
-    """Yield other axes of a wrench, along which the vehicle accelerates more than along those that
-    it has.
-    """
+    """Yield axes by which a wrench explains the acceleration better than by those that it has."""
     forces_in_body = commanded(held, motion, late)
     forces_in_world = commanded(held, motion, late, turned=True)
     as_it_is = named(np.eye(3))
-    for part, rows in _PARTS.items():
+    for part, rows in _WRENCH_ROWS.items():
         acceleration = motion.acceleration[:, rows]
         shares = {}
         for Q in WAYS:
-            shares[named(Q)] = _along(acceleration, forces_in_body[:, rows], Q)
-        share_in_world = _along(acceleration, forces_in_world[:, rows], np.eye(3))
-        shares["in W"] = share_in_world - _MORE / 2
+            shares[named(Q)] = _signed_share(acceleration, forces_in_body[:, rows], Q)
+        share_in_world = _signed_share(acceleration, forces_in_world[:, rows], np.eye(3))
+        shares["in W"] = share_in_world - _MIN_GAIN_OF_AXES / 2
         best = max(shares, key=lambda way: shares[way])
-        if shares[best] > max(shares[as_it_is], 0.0) + _MORE:
+        if shares[best] > max(shares[as_it_is], 0.0) + _MIN_GAIN_OF_AXES:
             yield f"its {part} fit the acceleration as {best}"
 
 
-def _along(acceleration: np.ndarray, forces: np.ndarray, Q: np.ndarray) -> float:
+def _signed_share(acceleration: np.ndarray, forces: np.ndarray, Q: np.ndarray) -> float:
     """Sum the shares that forces (m, 3), turned by Q, explain of the acceleration (m, 3) along each
     axis; negative where they point away from it.
     """
@@ -91,8 +88,8 @@ def _along(acceleration: np.ndarray, forces: np.ndarray, Q: np.ndarray) -> float
 
 
 def _shares(motion: ExplainedMotion, forces: np.ndarray, signed: bool) -> np.ndarray:
-    """Compute shares (6,) of all accelerations that a command explains; signed: each component
-    alone, that of its own axis.
+    """Compute shares (6,) of all accelerations that a command explains; signed: True if each component
+    acts along its axis alone.
     """
     if signed:
         return np.maximum(np.diag(_correlations(motion.acceleration, forces)), 0.0) ** 2

@@ -1,5 +1,5 @@
-"""Check the quality of a recording by what must hold for any vehicle: velocity is the rate of pose,
-what is at rest is held up against gravity, and motion follows commands.
+"""Check the quality of a recording by what holds for any vehicle: velocity is the rate of pose, what
+is at rest is held up against gravity, and motion follows commands.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _SAID_BETTER = (
     (": a pressure in", "read as m"),
     ("a depth of the other sign", "above a surface at 0: z down"),
 )
-"""Parts of doubts, and of those that say the same by more evidence."""
-_OF_WAYS = {"position", "attitude", "linear_velocity", "angular_velocity", "specific_force"}
+"""Pairs of a part of a doubt, and a part of another doubt that says the same by more evidence."""
+_MOTION_CHANNELS = {"position", "attitude", "linear_velocity", "angular_velocity", "specific_force"}
 """Channels whose doubts keep a mounting from being estimated."""
 
 
@@ -44,9 +44,7 @@ class QualityIssue:
 
 @checked
 def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
-    """Check a recording for inconsistent clocks, frames, units and thrusters; returns one issue for
-    each.
-    """
+    """Check a recording for inconsistent clocks, frames, units and thrusters; return an issue for each."""
     issues = [*recording.issues_in_file, *of_samples(recording)]
     # All else would follow from degrees that are taken for radians.
     wrong = {name for name, text in recording.issues_in_file if "rad: in deg?" in text}
@@ -56,22 +54,22 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
         if is_timed and name not in wrong:
             sound[name] = channel
     # First each column, then its channel: axes and clocks of one with a unit of its own say nothing.
-    of_other_columns = list(of_columns(replace(recording, channels=sound)))
-    issues += of_other_columns
+    column_doubts = list(of_columns(replace(recording, channels=sound)))
+    issues += column_doubts
     forget(channel.values for channel in sound.values())
-    for name, _ in of_other_columns:
+    for name, _ in column_doubts:
         sound.pop(name, None)
     remaining = replace(recording, channels=sound)
     for check in (of_poses, of_rates, of_joints, of_gravity, of_stuck):
         issues += check(remaining)
         forget(channel.values for channel in sound.values())
-    # By other axes no vehicle follows its commands, and no column is that of its axis.
-    has_other_axes = any(name in PARTNER and "its axes fit" in text for name, text in issues)
-    if not has_other_axes:
+    # By wrong axes no vehicle follows its commands, and no column is that of its axis.
+    has_wrong_axes = any(name in PARTNER and "its axes fit" in text for name, text in issues)
+    if not has_wrong_axes:
         issues += of_stuck_columns(remaining)
         # What else is wrong with these would be taken for a scale, or for a place.
         doubted = {name for name, _ in issues}
-        if not doubted & _OF_WAYS:
+        if not doubted & _MOTION_CHANNELS:
             issues += of_mounting(remaining)
         issues += of_commands(remaining)
         forget(channel.values for channel in sound.values())
@@ -80,11 +78,12 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
 
 
 def _without_repetitions(issues: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str]]:
-    """Yield channels and texts but for those that another one of the channel says better."""
+    """Yield channels and texts, but not those that another text of the channel says better."""
     for name, text in issues:
-        texts_of_channel = [other for channel, other in issues if channel == name]
+        texts_of_channel = [candidate for channel, candidate in issues if channel == name]
         is_said_better = False
         for part, better in _SAID_BETTER:
-            is_said_better |= part in text and any(better in other for other in texts_of_channel)
+            has_better = any(better in candidate for candidate in texts_of_channel)
+            is_said_better |= part in text and has_better
         if not is_said_better:
             yield name, text

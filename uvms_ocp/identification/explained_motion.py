@@ -1,5 +1,5 @@
-"""Compute what accelerates a vehicle beside drag, weight and the turning of its frame, and what of a
-command stands beside these.
+"""Compute the accelerations of a vehicle that drag, weight and the turning of its frame do not explain,
+and the part of a command that they do not explain either.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from uvms_ocp.identification.series_agreement import WINDOW
 SHIFTS = np.arange(-2.0, 3.0 + 1e-9, GRID)
 """[s] by which motion comes after a command."""
 MAY = (SHIFTS > -0.15) & (SHIFTS < 1.2)
-"""Plausible ones of these: thrusters lag, and messages take their time."""
-_MOVING_VEHICLE = 0.01  # [m/s, rad/s] standard deviation of what moves
+"""Mask of the plausible shifts: thrusters lag, and messages take their time."""
+_MOVING_VEHICLE = 0.01  # [m/s, rad/s] standard deviation from which on an axis moves
 _MIN_SAMPLES = 200
-_STILL = 1e-6  # of a command's size, left of it beside drag and weight: nothing by itself
+_NO_REST = 1e-6  # share of a command's size below which drag and weight explain all of it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,22 +35,22 @@ class ExplainedMotion:
     t: np.ndarray
     """(m,) [s] uniform times."""
     acceleration: np.ndarray
-    """(m, 6) linear and angular in B, in units of their own spread, without what drag and weight
-    explain.
+    """(m, 6) linear and angular accelerations in B, without what drag and weight explain, over their
+    standard deviations.
     """
-    beside: np.ndarray
-    """(m, l) orthonormal: drag, weight and the turning of the frame."""
+    basis: np.ndarray
+    """(m, l) orthonormal basis of drag, weight and the turning of the frame."""
     R: np.ndarray
-    """(m, 3, 3) from B to W."""
+    """(m, 3, 3) rotations from B to W."""
 
     def rest(self, values: np.ndarray) -> np.ndarray:
         """Return the part of values (m, k) [any] that drag, weight and turning do not explain."""
-        return values - self.beside @ (self.beside.T @ values)
+        return values - self.basis @ (self.basis.T @ values)
 
 
 def motion_of(recording: Recording) -> ExplainedMotion | None:
-    """Compute what is left to be explained by commands; `None` where the attitude or all velocities
-    are not known.
+    """Compute the accelerations that commands have to explain; `None` where attitude or velocity are not
+    recorded, or too few samples.
     """
     channels = recording.channels
     if "attitude" not in channels or "linear_velocity" not in channels:
@@ -79,7 +79,7 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
 
 
 def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate values and rates (m, k) at t (m,)."""
+    """Smooth values and their rates (m, k), and interpolate them at t (m,) [s]."""
     grid, values = smoothed(channel.undelayed_t, channel.values, WINDOW)
     _, rates = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
     return interpolated(t, grid, values), interpolated(t, grid, rates)
@@ -91,7 +91,7 @@ def commanded(
     """Compute means (m, k) of a command over the window of the rates, without what drag and weight
     explain.
 
-    shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
+    shift: [s] before the rates. turned: True for a wrench that is given in W.
     """
     middles = motion.t - shift  # [s]
     totals = held.total(middles + WINDOW / 2) - held.total(middles - WINDOW / 2)
@@ -99,4 +99,4 @@ def commanded(
     if turned:
         values = np.einsum("nji,nkj->nki", motion.R, values.reshape(-1, 2, 3)).reshape(-1, 6)
     rest = motion.rest(values)
-    return np.where(rest.std(axis=0) > _STILL * np.abs(values).max(axis=0), rest, 0.0)
+    return np.where(rest.std(axis=0) > _NO_REST * np.abs(values).max(axis=0), rest, 0.0)

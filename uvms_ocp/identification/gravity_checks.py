@@ -1,5 +1,5 @@
-"""Check which way is down: what an accelerometer feels at rest, how a vehicle lies, and on which
-side of the surface it is.
+"""Check which way is down: by the specific force at rest, how a vehicle lies, and on which side of the
+surface it is.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from uvms_ocp.identification.resampling import rotations
 
 G = 9.81
 """[m/s2] specific force at rest."""
-_LIKE_G = (0.8, 1.2)  # shares of G that are gravity, or units of g
-_FREE = 0.3  # share of G below which gravity is not there
-_HIGH = 50.0  # [m] above the zero of a world, which is somewhere in the water or at its bottom
-_UPRIGHT = 0.7  # share of the mean force that stays along an axis which is vertical
+_NEAR_G = (0.8, 1.2)  # shares of G that are gravity; in units of g also sizes
+_WITHOUT_GRAVITY = 0.3  # share of G below which gravity has been taken out
+_HIGHEST = 50.0  # [m] above the zero of a world, which is somewhere in the water or at its bottom
+_VERTICAL = 0.7  # share of the mean force from which on an axis is called vertical
 
 
 def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
@@ -35,7 +35,7 @@ def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
             yield "attitude", text
     if attitude is not None and force is not None:
         up = _mean_in_world(attitude, force)
-        is_proven = bool(up[2] > _UPRIGHT * np.linalg.norm(up))
+        is_proven = bool(up[2] > _VERTICAL * np.linalg.norm(up))
         if not is_proven:
             yield "attitude", _turned(up)
     if position is not None:
@@ -54,7 +54,7 @@ def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
             )
         elif z.min() > 0.0 and not is_proven:
             yield "position", _above_surface(z)
-        elif z.min() > _HIGH:
+        elif z.min() > _HIGHEST:
             yield (
                 "position",
                 f"z is {z.min():.4g} to {z.max():.4g} m above 0: from where, or in which unit?",
@@ -69,15 +69,15 @@ def _of_force(force: np.ndarray) -> Iterator[str]:
     size = float(np.median(np.linalg.norm(force, axis=1)))  # [m/s2]
     share = size / G
     up = float(mean[2] / max(np.linalg.norm(mean), 1e-9))
-    if _LIKE_G[0] < share * G < _LIKE_G[1]:
+    if _NEAR_G[0] < share * G < _NEAR_G[1]:
         yield "about 1 on average: in g, not in m/s2?"
-    elif share < _FREE:
+    elif share < _WITHOUT_GRAVITY:
         yield f"{share * G:.2g} m/s2 on average, and at rest it is {G:g}: gravity taken out?"
-    elif not _LIKE_G[0] < share < _LIKE_G[1]:
+    elif not _NEAR_G[0] < share < _NEAR_G[1]:
         yield f"{share * G:.3g} m/s2 on average, and at rest it is {G:g}: its units?"
-    if up < -_UPRIGHT:
+    if up < -_VERTICAL:
         yield "points down on average, and at rest it is up: z down (FRD), or its sign?"
-    elif up < _UPRIGHT and share > _FREE:
+    elif up < _VERTICAL and share > _WITHOUT_GRAVITY:
         yield (
             f"{np.array2string(mean, precision=1)} on average, and at rest it is along z: axes"
             " swapped?"
@@ -99,7 +99,7 @@ def _mean_in_world(attitude: Channel, force: Channel) -> np.ndarray:
 
 def _turned(up: np.ndarray) -> str:
     """Describe a mean specific force (3,) [m/s2] in W that is not up."""
-    if up[2] < -_UPRIGHT * np.linalg.norm(up):
+    if up[2] < -_VERTICAL * np.linalg.norm(up):
         return "with it the vehicle is held up against gravity downwards: z down in W (NED)?"
     return (
         f"with it what holds the vehicle up is {np.array2string(up, precision=1)} m/s2 in W: axes or"

@@ -1,5 +1,5 @@
-"""Detect thrusters that were exchanged or reversed: whether a vehicle accelerates as its thrusters
-push, or as if their order or signs were others.
+"""Detect thrusters that were exchanged or reversed: a vehicle then accelerates as if their order or
+signs were different.
 """
 
 from __future__ import annotations
@@ -19,9 +19,11 @@ from uvms_ocp.identification.explained_motion import (
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.resampling import ZeroOrderHold
 
-_BETTER = 0.5  # of one axis, by which other thrusters must explain more
-# of what moves, that it must explain: what holds a vehicle against waves pushes against its motion
-_WELL = 0.4
+_MIN_GAIN = 0.5  # share of one axis that changed thrusters must explain more
+_MIN_EXPLAINED = 0.4
+"""Share of the driven axes that changed thrusters must explain: thrust that holds a vehicle against
+waves pushes against its motion.
+"""
 _MAX_CHANGES = 4  # that are looked for, one after the other
 
 
@@ -43,13 +45,13 @@ def mixed_thrusters(
         candidates = {text: B @ Q for text, Q in _changes(names).items()}
         agreements = {text: agreement(candidate) for text, candidate in candidates.items()}
         text = max(agreements, key=lambda change: agreements[change])
-        if agreements[text] < best + _BETTER:
+        if agreements[text] < best + _MIN_GAIN:
             break
         best = agreements[text]
         B = candidates[text]
         changes.append(text)
     n_driven_axes = int((np.abs(B) > 1e-9).any(axis=1).sum())
-    if best <= _WELL * n_driven_axes:
+    if best <= _MIN_EXPLAINED * n_driven_axes:
         return ""
     return " and ".join(changes)
 

@@ -1,12 +1,11 @@
 """Estimate how the sensor of velocity is mounted: its scale, the turn of its axes, its place and its
-delay, from what position and attitude say of the way.
+delay, from displacements by position and attitude.
 
-Over two seconds, the way of the body by its position is what the sensor has measured, scaled,
-turned by its mounting and by the heading, less what its place sweeps as the vehicle turns. All of
-these are linear where they are small: least squares tell them jointly, and parts of the recording,
-one after the other left out, how sure they are. What lies outside of what is tolerated by three
-standard errors is said, with its cure. A turn about z is of the sensor or of the heading: only a
-tilted vehicle tells these apart.
+Over two seconds, the displacement of the body is what the sensor has measured, scaled, turned by its
+mounting and by the heading, less what its place sweeps as the vehicle turns. All of these are linear
+where they are small, and least squares estimate them jointly; the jackknife over parts of the
+recording gives standard errors. What is beyond its tolerance by three of these is doubted, with a
+cure. A turn about z is of the sensor or of the heading: only a tilted vehicle tells these apart.
 """
 
 from __future__ import annotations
@@ -26,23 +25,26 @@ from uvms_ocp.identification.resampling import (
 )
 from uvms_ocp.identification.series_agreement import WINDOW, explained
 
-_PERIOD = 2.0  # [s] of each way
-_STRIDE = 0.25  # [s] between the beginnings of two
-_PARTS = 10  # of a recording, one of which is left out at a time
-_LEAST_WAYS = 100
-_EXPLAINED = 0.8  # share of the way that must be explained, or other things are wrong
-_SURE = (
-    3.0  # standard errors: ten numbers are looked at, and parts of a recording are not independent
-)
+_PERIOD = 2.0  # [s] of each displacement
+_STRIDE = 0.25  # [s] between the beginnings of two displacements
+_PARTS = 10  # of a recording, of which the jackknife leaves one out at a time
+_MIN_DISPLACEMENTS = 100
+_MIN_EXPLAINED = 0.8  # share of the displacements; where less is explained, other things are wrong
+_SURE = 3.0
+"""[standard errors] from which on a doubt is raised: ten numbers are looked at, and parts of a
+recording are not independent.
+"""
 _ROUNDS = 3  # of least squares: turns are not small
-_MOST_DELAY = 0.3  # [s] that is a small one
-_LEAST_FACTOR = 0.2
-# What is tolerated: so much changes no number of a robot by more than its interval.
-_SCALE = 0.015
-_TURN = np.deg2rad(1.5)
-_PLACE = 0.03  # [m]
+_MAX_DELAY = 0.3  # [s] up to which the equations are linear
+_MIN_FACTOR = 0.2  # of a scale that is an error of mounting and not another unit
+
+# Tolerances: so much changes no number of a robot by more than its interval.
+_SCALE_TOLERANCE = 0.015
+_TURN_TOLERANCE = np.deg2rad(1.5)
+_PLACE_TOLERANCE = 0.03  # [m]
 _REACH = 3.0  # [m] farthest place of a sensor on a vehicle
-# What is so uncertain that it says nothing.
+
+# Standard errors from which on an estimate says nothing.
 _UNSURE_SCALE = 0.05
 _UNSURE_TURN = np.deg2rad(5.0)
 _UNSURE_PLACE = 0.15  # [m]
@@ -50,19 +52,22 @@ _UNSURE_PLACE = 0.15  # [m]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Mounting:
-    """How a sensor of velocity is mounted, by position and attitude."""
+    """Estimated mounting of a sensor of velocity, by position and attitude."""
 
     scale: float
-    """[-] by which it reads too much."""
+    """[-] factor of its readings to the velocity."""
     scale_sigma: float
+    """[-] standard error of the scale."""
     turn: np.ndarray
-    """(3,) [rad] of its axes against B."""
+    """(3,) [rad] rotation vector of its axes against B."""
     turn_sigma: np.ndarray
+    """(3,) [rad] standard errors of the turn."""
     place: np.ndarray
-    """(3,) [m] in B, from what the position is of."""
+    """(3,) [m] in B, from the point of the vehicle that the position is of."""
     place_sigma: np.ndarray
+    """(3,) [m] standard errors of the place."""
     share: float
-    """[-] of the way that is explained so."""
+    """[-] share of the displacements that the mounting explains."""
 
 
 def of_mounting(recording: Recording) -> Iterator[tuple[str, str]]:
@@ -73,12 +78,12 @@ def of_mounting(recording: Recording) -> Iterator[tuple[str, str]]:
     if recording.channels["linear_velocity"].constants or recording.channels["position"].constants:
         return
     mounting = estimated_mounting(recording)
-    if mounting is None or mounting.share < _EXPLAINED:
+    if mounting is None or mounting.share < _MIN_EXPLAINED:
         return
-    # Noise of what is read makes the scale larger than it is, by no more than what is unexplained.
-    tolerated = _SCALE + (1.0 - mounting.share)
+    # Noise of readings makes the scale larger than it is, by no more than what is unexplained.
+    tolerance = _SCALE_TOLERANCE + (1.0 - mounting.share)
     surplus_scale = abs(mounting.scale - 1.0) - _SURE * mounting.scale_sigma
-    if surplus_scale > tolerated and mounting.scale_sigma < _UNSURE_SCALE:
+    if surplus_scale > tolerance and mounting.scale_sigma < _UNSURE_SCALE:
         yield (
             "linear_velocity",
             (
@@ -89,7 +94,9 @@ def of_mounting(recording: Recording) -> Iterator[tuple[str, str]]:
     yield from _turns(mounting)
     surplus = np.abs(mounting.place) - _SURE * mounting.place_sigma
     is_known = mounting.place_sigma < _UNSURE_PLACE
-    if ((surplus > _PLACE) & is_known).any() and np.abs(mounting.place[is_known]).max() < _REACH:
+    if ((surplus > _PLACE_TOLERANCE) & is_known).any() and np.abs(
+        mounting.place[is_known]
+    ).max() < _REACH:
         places = []
         for axis, place, sigma in zip("xyz", mounting.place, mounting.place_sigma, strict=True):
             places.append(f"{axis} {place:.2f} +- {sigma:.2f}")
@@ -103,9 +110,9 @@ def of_mounting(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def _turns(mounting: Mounting) -> Iterator[tuple[str, str]]:
-    """Yield doubts about turns of its axes."""
+    """Yield doubts about turns of the axes of the sensor, or of the heading."""
     surplus = np.abs(mounting.turn) - _SURE * mounting.turn_sigma
-    is_sure = (surplus > _TURN) & (mounting.turn_sigma < _UNSURE_TURN)
+    is_sure = (surplus > _TURN_TOLERANCE) & (mounting.turn_sigma < _UNSURE_TURN)
     if is_sure[:2].any():
         angles = np.rad2deg(mounting.turn)
         sigmas = np.rad2deg(mounting.turn_sigma)
@@ -130,27 +137,27 @@ def _turns(mounting: Mounting) -> Iterator[tuple[str, str]]:
 
 def estimated_mounting(recording: Recording) -> Mounting | None:
     """Estimate how the sensor of velocity is mounted; `None` where too little is recorded."""
-    ways = _Ways.of(recording)
-    if ways is None:
+    displacements = _Displacements.of(recording)
+    if displacements is None:
         return None
-    factor = 1.0  # of what is read, to what is so
+    factor = 1.0  # of readings to velocities
     turn = np.eye(3)
     for _ in range(_ROUNDS):
-        A = ways.equations(factor, turn)
-        solution = _least_squares(A, ways.by_position)
+        A = displacements.equations(factor, turn)
+        solution = _solved(A, displacements.by_position)
         factor *= solution[0]
-        if not _LEAST_FACTOR < factor < 1.0 / _LEAST_FACTOR or abs(solution[7]) > _MOST_DELAY:
+        if not _MIN_FACTOR < factor < 1.0 / _MIN_FACTOR or abs(solution[7]) > _MAX_DELAY:
             return None
         turn = pin.exp3(solution[1:4] / solution[0]) @ turn
-    A = ways.equations(factor, turn)
-    b = ways.by_position
-    solution = _least_squares(A, b)
-    without = []
+    A = displacements.equations(factor, turn)
+    b = displacements.by_position
+    solution = _solved(A, b)
+    solutions = []
     for part in np.array_split(np.arange(len(b)), _PARTS):
         is_kept = np.ones(len(b), dtype=bool)
         is_kept[part] = False
-        without.append(_least_squares(A[is_kept], b[is_kept]))
-    deviations = np.array(without) - np.mean(without, axis=0)
+        solutions.append(_solved(A[is_kept], b[is_kept]))
+    deviations = np.array(solutions) - np.mean(solutions, axis=0)
     sigma = np.sqrt((_PARTS - 1) / _PARTS * (deviations**2).sum(axis=0))
     return Mounting(
         scale=1.0 / factor,
@@ -163,7 +170,7 @@ def estimated_mounting(recording: Recording) -> Mounting | None:
     )
 
 
-def _least_squares(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Solve for unknowns (k,) of equations (n, 3, k) and (n, 3), by their least norm where some are
     open.
     """
@@ -171,23 +178,23 @@ def _least_squares(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Ways:
-    """Ways by the position, and what the sensor of velocity read on them."""
+class _Displacements:
+    """Displacements by the position, and the readings of the sensor of velocity during them."""
 
     by_position: np.ndarray
-    """(n, 3) [m] in W, each over `_PERIOD`."""
+    """(n, 3) [m] displacements in W, each over `_PERIOD`."""
     v: np.ndarray
-    """(m, 3) [m/s] as it was read, at uniform times."""
+    """(m, 3) [m/s] readings at uniform times."""
     R: np.ndarray
-    """(m, 3, 3) attitudes at these."""
+    """(m, 3, 3) attitudes R_WB at these times."""
     first: np.ndarray
-    """(n,) sample with which each way begins."""
+    """(n,) index of the sample with which each displacement begins."""
     last: np.ndarray
-    """(n,) sample with which each way ends."""
+    """(n,) index of the sample with which each displacement ends."""
 
     @classmethod
-    def of(cls, recording: Recording) -> _Ways | None:
-        """Cut a recording into ways; `None` where there are too few."""
+    def of(cls, recording: Recording) -> _Displacements | None:
+        """Cut a recording into displacements; `None` where there are too few."""
         position = recording.channels["position"]
         velocity = recording.channels["linear_velocity"]
         attitude = recording.channels["attitude"]
@@ -199,7 +206,7 @@ class _Ways:
         places = places[inside]
         length = round(_PERIOD / GRID)
         first = np.arange(0, len(t) - length, round(_STRIDE / GRID))
-        if len(first) < _LEAST_WAYS:
+        if len(first) < _MIN_DISPLACEMENTS:
             return None
         last = first + length
         t_velocity, smooth = smoothed(velocity.undelayed_t, velocity.values, WINDOW)
@@ -212,14 +219,14 @@ class _Ways:
         )
 
     def equations(self, factor: float, turn: np.ndarray) -> np.ndarray:
-        """Build equations of the ways (n, 3, 11): scale, turn (3), place (3), delay and a steady
-        current (3), all of what is left after a factor and a turn (3, 3).
+        """Build the equations (n, 3, 11) of the displacements: in scale, turn (3), place (3), delay and
+        steady current (3), of readings multiplied by a factor and turned by a matrix (3, 3).
         """
         v = factor * self.v @ turn.T
         in_world = np.einsum("nij,nj->ni", self.R, v)
-        columns = [self._way(in_world)]
+        columns = [self._integrals(in_world)]
         for axis in np.eye(3):
-            columns.append(self._way(np.einsum("nij,nj->ni", self.R, np.cross(axis, v))))
+            columns.append(self._integrals(np.einsum("nij,nj->ni", self.R, np.cross(axis, v))))
         for k in range(3):  # what its place sweeps
             columns.append(self.R[self.first, :, k] - self.R[self.last, :, k])
         columns.append(in_world[self.last] - in_world[self.first])  # it is late
@@ -227,8 +234,8 @@ class _Ways:
             columns.append(np.broadcast_to(_PERIOD * axis, self.by_position.shape))
         return np.stack(columns, axis=-1)
 
-    def _way(self, rates: np.ndarray) -> np.ndarray:
-        """Integrate rates (m, 3) over each way."""
+    def _integrals(self, rates: np.ndarray) -> np.ndarray:
+        """Integrate rates (m, 3) over each displacement."""
         steps = GRID * (rates[1:] + rates[:-1]) / 2
         total = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
         return np.asarray(total[self.last] - total[self.first])

@@ -36,36 +36,36 @@ from uvms_ocp.identification.series_agreement import (
 )
 
 _INSIDE = slice(round(WINDOW / GRID), -round(WINDOW / GRID))
-"""Smoothed samples whose window is whole."""
-# of the motion that a way to read axes must explain: at least, and as magnitudes agree
-_HALF = 0.5
-_MOST = 0.8
-_EVEN = 0.03  # by which one way must explain more than another where little speaks for it
-_LEVEL = 0.9  # cosine of tilt of a vehicle that is level, or nearly
-_AS_LARGE = 0.7  # correlation of magnitudes from which on two things are the same
+"""Places of smoothed samples whose window lies inside the recording."""
+_MIN_EXPLAINED = 0.5  # share of the motion that axes must explain to be named
+_OF_AGREEMENT = 0.8  # share of the correlation of magnitudes that they must explain, too
+_MARGIN = 0.03  # share of the motion by which axes must explain more where little speaks for them
+_TILTED = 0.5  # mean cosine of the tilt below which no vehicle stays
+_LEVEL = 0.9  # cosine of the tilt of a vehicle that is nearly level
+_SAME_SIZE = 0.7  # correlation of magnitudes from which on two series are of the same motion
 PARTNER = {
     "linear_velocity": "position",
     "angular_velocity": "attitude",
     "specific_force": "attitude",
 }
-"""Channel whose rate, or tilt, each channel must agree with."""
+"""By channel: the channel whose rate, or tilt, it must agree with."""
 _READINGS = recordings.CHANNEL_TABLE["readings"]
-"""Other ways to read an attitude: places and signs of its numbers."""
+"""Ways to read an attitude: names with the order and the signs of its numbers."""
 _JUMP = (
     "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
 )
 
 _Agreement = dict[str, tuple[float, float]]
-"""Share of each channel's motion that its reference explains with the axes as they are, and with
-those that fit best.
+"""By channel: share of its motion that its reference explains with the axes as they are, and with the
+axes that fit best.
 """
 
 
 def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield channels and doubts about them; of an attitude that is read wrong that doubt alone, as
-    all others follow from it.
+    """Yield channels and doubts about them; where the attitude is read wrong that doubt alone, as the
+    others follow from it.
     """
-    attitude_issues = list(_other_attitude(recording))
+    attitude_issues = list(_attitude_reading(recording))
     if attitude_issues:
         yield from attitude_issues
         return
@@ -73,9 +73,9 @@ def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
         yield from _rate_issues(recording, name, reference)
 
 
-def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield another way to read the attitude, with which all that depends on it agrees better, and
-    other axes alone would not.
+def _attitude_reading(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Yield a way to read the attitude with which all channels agree better, which no other axes of
+    these channels would reach.
     """
     attitude = recording.channels.get("attitude")
     if attitude is None:
@@ -85,7 +85,7 @@ def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
     for reading, (order, signs) in _READINGS:
         readings[reading] = replace(attitude, values=attitude.values[:, order] * signs)
     # No vehicle is level for long by numbers in another order.
-    if not agreement and _level(attitude) < _HALF:
+    if not agreement and _level(attitude) < _TILTED:
         for reading, channel in readings.items():
             if reading.startswith("format") and _level(channel) > _LEVEL:
                 yield (
@@ -114,22 +114,23 @@ def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def _total_share(agreement: _Agreement) -> float:
+    """Sum the shares with the axes as they are."""
     return sum(share for share, _ in agreement.values())
 
 
 def _agrees_better(candidate: _Agreement, present: _Agreement) -> bool:
-    """Check that all channels agree with another attitude, none worse than now, and that several
-    agree better, or more than other axes alone could make them.
+    """Check that all channels agree with a candidate, none worse than at present, and that several
+    agree better, or one better than by any axes of its channel.
     """
     shares = {name: candidate.get(name, (0.0, 0.0))[0] for name in present}
     gains = [shares[name] - share for name, (share, _) in present.items()]
-    if min(shares.values()) <= _HALF or min(gains) <= -_EVEN:
+    if min(shares.values()) <= _MIN_EXPLAINED or min(gains) <= -_MARGIN:
         return False
     n_better = sum(gain > EXPLAINED for gain in gains)
     if n_better != 1:
         return n_better > 1
-    for name, (_, share_with_other_axes) in present.items():
-        if name in candidate and shares[name] <= share_with_other_axes + _EVEN:
+    for name, (_, share_with_best_axes) in present.items():
+        if name in candidate and shares[name] <= share_with_best_axes + _MARGIN:
             return False
     return True
 
@@ -185,12 +186,13 @@ class _AlignedChannel:
     """A channel at the times of its reference, shifted and scaled to agree with it."""
 
     values: np.ndarray
-    """(m, 3) [unit of the channel]"""
+    """(m, 3) [unit of the channel] values as shifted and scaled."""
     delay: float = 0.0
-    """[s] by which it was late."""
+    """[s] by which the channel was late."""
     has_constant_delay: bool = True
+    """True if both halves of the recording are late by this delay."""
     factor: float = 1.0
-    """By which it was larger."""
+    """Factor by which the channel was larger."""
 
 
 def _aligned(recording: Recording, name: str, reference: _Reference) -> _AlignedChannel | None:
@@ -235,20 +237,20 @@ def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterat
     best = max(ways, key=lambda way: ways[way])
     sizes = np.linalg.norm(measured, axis=1)
     agreement = correlation(sizes, np.linalg.norm(reference.body, axis=1))
-    if ways[best] > max(present_share + EXPLAINED, _HALF, _MOST * agreement):
+    if ways[best] > max(present_share + EXPLAINED, _MIN_EXPLAINED, _OF_AGREEMENT * agreement):
         channel, text = best
         yield (
             channel,
             f"{text} ({100 * ways[best]:.0f} % of it, {100 * present_share:.0f} % as they are)",
         )
         return
-    if name != "linear_velocity" or agreement <= _AS_LARGE:
+    if name != "linear_velocity" or agreement <= _SAME_SIZE:
         return
     if reference.R is None or reference.world is None:
         return
     turn, share = _turn(np.einsum("nij,nj->ni", reference.R, measured), reference.world)
-    share_with_turn = share - EXPLAINED if share > _HALF else 0.0
-    if present_share < max(_HALF * agreement, share_with_turn):
+    share_with_turn = share - EXPLAINED if share > _MIN_EXPLAINED else 0.0
+    if present_share < max(_MIN_EXPLAINED * agreement, share_with_turn):
         text = "with it the velocity is as large as the rate of the position, and points elsewhere"
         yield "attitude", f"{text}, by {np.rad2deg(turn):.0f} deg about z: format, axes, yaw?"
 
@@ -280,8 +282,8 @@ def _turn(measured: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
 def _in_world(
     reference: _Reference, measured: np.ndarray, name: str
 ) -> dict[tuple[str, str], float]:
-    """List ways of which a world frame alone tells; less likely than those of B, where both will
-    do.
+    """List ways to read axes in which a world frame is involved, each with the share of the motion that
+    it explains; the shares are lowered, as ways in B are likelier.
     """
     if reference.world is None or reference.R is None:
         return {}
@@ -302,13 +304,13 @@ def _in_world(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reference:
-    """What a channel must agree with: the rate of its partner, or gravity by the attitude."""
+    """Series that a channel must agree with: the rate of its partner, or gravity by the attitude."""
 
     t: np.ndarray
     """(m,) [s] uniform times."""
     body: np.ndarray
-    """(m, 3) [unit of the channel] in B."""
+    """(m, 3) [unit of the channel] series in B."""
     world: np.ndarray | None = None
-    """(m, 3) [unit of the channel] in W."""
+    """(m, 3) [unit of the channel] series in W."""
     R: np.ndarray | None = None
-    """(m, 3, 3) from B to W."""
+    """(m, 3, 3) rotations from B to W."""

@@ -21,16 +21,15 @@ what tilt makes of gravity.
 """
 EXPLAINED = 0.15
 """Share of the motion, by which other axes must explain more."""
+_SIGNS = tuple(product((1.0, -1.0), repeat=3))
 WAYS = tuple(
-    np.diag(signs) @ np.eye(3)[[*axes]]
-    for axes in permutations(range(3))
-    for signs in product((1.0, -1.0), repeat=3)
+    np.diag(signs) @ np.eye(3)[[*axes]] for axes, signs in product(permutations(range(3)), _SIGNS)
 )
-"""(3, 3) each: all ways to swap and turn axes."""
+"""(3, 3) each: all 48 ways to swap axes and turn their signs."""
 
 _SHIFTS = 0.05 * np.arange(-30, 31)  # [s] offsets of clocks that are tried
 _LARGEST_SHIFT = 1.5  # [s] of these
-_LEAST_SAMPLES = 20  # in each half of a series, to tell an offset
+_MIN_SAMPLES = 20  # in each half of a series, to tell an offset
 _NOTABLE_DELAY = 0.175  # [s] offset from which on it is reported
 _JUMP = 0.3  # [s] between the offsets of the two halves that is a jump of a clock
 _AGREES = 0.6  # correlation from which on two magnitudes agree
@@ -121,18 +120,18 @@ def describe_delay(delay: float) -> str:
 def offset(
     t: np.ndarray, expected: np.ndarray, t_measured: np.ndarray, measured: np.ndarray
 ) -> tuple[float, bool]:
-    """Find by how much [s] measured comes after expected, 0 where they do not agree, and whether
-    both halves of the time have that offset.
+    """Find by how much [s] measured comes after expected, 0 where they do not agree, and whether both
+    halves of the time have that offset.
 
-    Of expected (m, k) [any] at t (m,) [s] and measured (n, k) [any] at t_measured (n,) [s], by
-    magnitudes, which have no axes.
+    expected: (m, k) [any] at t (m,) [s]. measured: (n, k) [any] at t_measured (n,) [s]. Magnitudes are
+    compared, which have no axes.
     """
     expected_size = np.linalg.norm(expected, axis=1)
     measured_size = np.linalg.norm(measured, axis=1)
     after_begin = t > t_measured[0] + _LARGEST_SHIFT
     before_end = t < t_measured[-1] - _LARGEST_SHIFT
     inside = np.flatnonzero(after_begin & before_end)
-    if len(inside) < 2 * _LEAST_SAMPLES:
+    if len(inside) < 2 * _MIN_SAMPLES:
         return 0.0, True
 
     def agreement(part: np.ndarray) -> np.ndarray:
@@ -146,8 +145,9 @@ def offset(
     of_all = agreement(inside)
     rises_outwards = of_all.argmax() in (0, len(_SHIFTS) - 1)
     surplus = _BETTER if rises_outwards else _FAR_BETTER
-    least = max(_FAR_AGREES, of_all.max() + surplus)
-    far = _far_offset(t, expected_size, np.interp(t, t_measured, measured_size), least)
+    min_agreement = max(_FAR_AGREES, of_all.max() + surplus)
+    measured_on_grid = np.interp(t, t_measured, measured_size)
+    far = _far_offset(t, expected_size, measured_on_grid, min_agreement)
     if far is not None:
         return far, True
     first_half, second_half = np.array_split(inside, 2)
@@ -156,11 +156,11 @@ def offset(
 
 
 def _far_offset(
-    t: np.ndarray, expected: np.ndarray, measured: np.ndarray, least: float
+    t: np.ndarray, expected: np.ndarray, measured: np.ndarray, min_agreement: float
 ) -> float | None:
     """Find by how much [s] measured (m,) [any] comes after expected (m,) [any], at uniform t (m,) [s],
     as far as half of the time is in common; `None` unless one offset alone agrees, by a correlation
-    of least [-].
+    of `min_agreement` at least.
     """
     n = len(t)
     x = expected - expected.mean()
@@ -179,7 +179,7 @@ def _far_offset(
     second = slice(max(0, best), n - max(0, -best))
     agreement = correlation(x[first], y[second])
     is_alone = shares[is_elsewhere].max() < agreement - _FAR_BETTER
-    if agreement < least or not is_alone or abs(best) * step <= _LARGEST_SHIFT:
+    if agreement < min_agreement or not is_alone or abs(best) * step <= _LARGEST_SHIFT:
         return None
     return best * step
 
@@ -199,7 +199,9 @@ def _best(agreement: np.ndarray) -> int:
 
 def _differ(first: np.ndarray, second: np.ndarray) -> bool:
     """Check whether either agreement is good at an offset at which the other is not."""
-    a = _best(first)
-    b = _best(second)
-    parted = min(first[a] - first[b], second[b] - second[a]) > _PARTED
-    return bool(parted and abs(_SHIFTS[a] - _SHIFTS[b]) > _JUMP)
+    best_of_first = _best(first)
+    best_of_second = _best(second)
+    loss_of_first = first[best_of_first] - first[best_of_second]
+    loss_of_second = second[best_of_second] - second[best_of_first]
+    jump = abs(_SHIFTS[best_of_first] - _SHIFTS[best_of_second])
+    return bool(min(loss_of_first, loss_of_second) > _PARTED and jump > _JUMP)

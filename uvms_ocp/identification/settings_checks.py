@@ -1,5 +1,5 @@
-"""Check a recording against the settings of a calibration: what it says, and a fit with these
-settings takes for something else.
+"""Check a recording against the settings of a calibration: for what a fit with these settings would take
+for something else.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from uvms_ocp.identification.segments import POSE_INTERVAL
 from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
-_FLOWS = 0.01  # [m/s] of a current that is told
-_STRONG = 0.05  # [m/s] of one that spoils a fit without it: added mass and drag take its place
-_SOON = 0.005  # [s] of a delay that is not
-_BEYOND = 1e-3  # of a limit
+_NOTABLE_CURRENT = 0.01  # [m/s] from which on a current is doubted
+_STRONG_CURRENT = 0.05  # [m/s] from which on added mass and drag take its place in a fit without it
+_NO_DELAY = 0.005  # [s] up to which a delay counts as none
+_LIMIT_ERROR = 1e-3  # share of a limit by which thrust may be beyond it
 
 
 def check_settings(
     subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording
 ) -> Iterator[QualityIssue]:
-    """Yield doubts about a recording and settings together: what a fit would take for something
-    else.
-    """
+    """Yield doubts about a recording and settings together."""
     quantities = subject.vehicle.per_recording.declaration.quantities
     channels = recording.channels
     if "current" in channels:
-        yield from _of_current(channels["current"], learnt=bool(quantities["current"].free.all()))
+        yield from _current_doubts(
+            channels["current"], learnt=bool(quantities["current"].free.all())
+        )
     if not channels.keys() & {"thrust", "wrench"}:
         yield QualityIssue(
             channel=settings.commands,
@@ -45,7 +45,7 @@ def check_settings(
         )
         yield QualityIssue(channel="linear_velocity", problem=text)
     is_delay_held = not quantities["delay"].free.any()
-    is_delayed = settings.delay is not None and settings.delay > _SOON
+    is_delayed = settings.delay is not None and settings.delay > _NO_DELAY
     if recording.at_once and is_delayed and is_delay_held:
         text = (
             "commands of a run of this toolkit act at once, and a fit holds their delay at"
@@ -60,21 +60,19 @@ def check_settings(
         yield QualityIssue(channel="wrench", problem=text)
     if "thrust" in channels and settings.commands != "wrench":
         thrust = channels["thrust"].of(subject.robot.thruster_names, "thrust")
-        yield from _of_thrust(recording, thrust, subject)
+        yield from _thrust_doubts(recording, thrust, subject)
 
 
 def require_current(subject: CalibratedRobot, recording: Recording) -> None:
-    """Check currents; raises InvalidInput for a recorded current that is strong, and that no
-    unknown may take.
-
-    Such a fit converges where its numbers are wrong by many of their standard errors.
+    """Require that a strong current of a recording is learnt. Raises InvalidInput where it is not: a fit
+    then converges to numbers that are wrong by many of their standard errors.
     """
     current = recording.channels.get("current")
     free = subject.vehicle.per_recording.declaration.quantities["current"].free
     if current is None or free.any():
         return
     size = float(np.linalg.norm(current.values.mean(axis=0)))  # [m/s]
-    if size > _STRONG:
+    if size > _STRONG_CURRENT:
         problem = (
             f"{recording.name}: a current of {size:.2g} m/s, which the fit would take for still"
             " water"
@@ -84,8 +82,8 @@ def require_current(subject: CalibratedRobot, recording: Recording) -> None:
         )
 
 
-def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
-    """Yield a current that a fit takes for still or for steady water."""
+def _current_doubts(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
+    """Yield a doubt about a current that a fit takes for still or for steady water."""
     if learnt:
         deviations = current.values - current.values.mean(axis=0)
         assumption = "about its mean, and a fit takes it for steady"
@@ -93,17 +91,17 @@ def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
         deviations = current.values
         assumption = "that a fit takes for still water: learn it"
     size = float(np.linalg.norm(deviations, axis=1).max())  # [m/s]
-    if size > _FLOWS:
+    if size > _NOTABLE_CURRENT:
         yield QualityIssue(channel="current", problem=f"up to {size:.2g} m/s {assumption}")
 
 
-def _of_thrust(
+def _thrust_doubts(
     recording: Recording, thrust: Channel, subject: CalibratedRobot
 ) -> Iterator[QualityIssue]:
-    """Yield thrusts beyond the limits, and thrusters that seem exchanged or reversed."""
+    """Yield doubts about thrust beyond its limits, and thrusters that seem exchanged or reversed."""
     lower, upper = thrust_limits(subject.robot)  # [N]
-    is_above = thrust.values > upper * (1.0 + _BEYOND)
-    is_below = thrust.values < lower * (1.0 + _BEYOND)
+    is_above = thrust.values > upper * (1.0 + _LIMIT_ERROR)
+    is_below = thrust.values < lower * (1.0 + _LIMIT_ERROR)
     is_beyond = (is_above | is_below).any(axis=0)
     if is_beyond.any():
         names = ", ".join(np.array(subject.robot.thruster_names)[is_beyond])

@@ -21,8 +21,8 @@ from uvms_ocp.identification.resampling import (
 from uvms_ocp.identification.series_agreement import WINDOW
 from uvms_ocp.identification.stuck_checks import DIFFER, LONG, longest_rest
 
-_STEPS = 5.0  # of the column's own, that the motion goes beyond meanwhile
-_WHOLE = 0.9  # of a recording: a column that never changes is said to be dead
+_MIN_REACH = 5.0  # usual steps of the column that the motion must go beyond meanwhile
+_DEAD = 0.9  # share of a recording from which on a column is dead, of which other checks tell
 
 
 def of_stuck_columns(recording: Recording) -> Iterator[tuple[str, str]]:
@@ -60,7 +60,7 @@ def _frozen(
     stopped = []
     for k, (begin, end) in enumerate(spans):
         duration = end - begin
-        if k in channel.constants or not LONG < duration < _WHOLE * (times[-1] - times[0]):
+        if k in channel.constants or not LONG < duration < _DEAD * (times[-1] - times[0]):
             continue
         inside = (t > begin + WINDOW) & (t < end - WINDOW)
         if not inside.any():
@@ -75,7 +75,7 @@ def _frozen(
         else:
             missed = expected
             reach = float(np.ptp(np.cumsum(expected))) * float(t[1] - t[0])
-        if np.sqrt((missed**2).mean()) > DIFFER and reach > _STEPS * usual_step:
+        if np.sqrt((missed**2).mean()) > DIFFER and reach > _MIN_REACH * usual_step:
             stopped.append(k)
     if len(stopped) == len(labels):  # which is said of the channel
         return
