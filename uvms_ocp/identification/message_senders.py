@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from typing import Any
 
 import yaml
@@ -19,13 +20,13 @@ Identity = Mapping[str, float | str]
 """Fields and values that identify a sender, such as ``{system: 1, component: 1}``."""
 
 _FRAMES = ("header.frame_id", "child_frame_id", "frame_id")
-"""Fields in which messages of ROS and Foxglove say what they are about."""
+"""Fields in which messages of ROS and Foxglove name their frames."""
 _FRAME_STEPS = tuple((name, steps_of(name)) for name in _FRAMES)
-_MOST_LISTED = 6
+_MOST_LISTED = 6  # senders that an error names
 
 
 class SenderCount:
-    """How many messages of one channel came from each sender."""
+    """Count of the messages of one channel by their senders."""
 
     def __init__(self) -> None:
         self._counts: Counter[tuple[tuple[str, float | str], ...]] = Counter()
@@ -35,7 +36,7 @@ class SenderCount:
         frames = _frames_of(content)
         self._counts[(*identity.items(), *frames)] += 1
 
-    def require_one(self, where: str, rows: Mapping[str, float | str]) -> None:
+    def require_single(self, where: str, rows: Mapping[str, float | str]) -> None:
         """Check that there is one sender; rows: what a mapping has picked by so far.
 
         Raises InvalidInput with the senders that there are, and what to write for the one with most
@@ -73,12 +74,17 @@ def _telling_names(senders: list[dict[str, float | str]]) -> tuple[str, ...]:
     """Choose names by which all senders differ: the first one that does alone, or all that are not
     the same throughout.
     """
-    names = tuple(dict.fromkeys(name for sender in senders for name in sender))
+    names = tuple(dict.fromkeys(chain.from_iterable(senders)))
     for name in names:
         values = {sender.get(name) for sender in senders}
         if len(values) == len(senders):
             return (name,)
-    return tuple(name for name in names if len({sender.get(name) for sender in senders}) > 1)
+    varying = []
+    for name in names:
+        values = {sender.get(name) for sender in senders}
+        if len(values) > 1:
+            varying.append(name)
+    return tuple(varying)
 
 
 def _as_yaml(values: Mapping[str, float | str], names: tuple[str, ...]) -> str:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import chain
 from pathlib import Path, PurePath
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -553,7 +554,7 @@ class _Rows:
         ):
             if first != (steps,):
                 self._require_same_names(content, column, first, paths_by_name(content, steps))
-        return [steps for paths in self.paths for steps in paths]
+        return list(chain.from_iterable(self.paths))
 
     def _require_same_names(
         self,
@@ -602,7 +603,7 @@ class _Rows:
         """Return all rows (n, 1 + k). Raises InvalidInput and NameNotFound where there are none."""
         if self.numbers:
             where = f"{self.name}: {self.selection.topic} of {path.name}"
-            self.senders.require_one(where, dict(self.selection.rows))
+            self.senders.require_single(where, dict(self.selection.rows))
             return np.array(self.numbers).reshape(-1, self.width)
         if self.missing is not None:
             raise InvalidInput(f"{path.name}: {self.selection.topic}: {self.missing}")

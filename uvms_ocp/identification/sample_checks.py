@@ -16,26 +16,24 @@ from uvms_ocp.identification.recording import (
 from uvms_ocp.identification.resampling import angular_rate, smoothed
 from uvms_ocp.identification.series_agreement import DEAD, MOVES, WINDOW
 
-_SHORTEST_RECORDING = 5.0  # [s] which all channels must have in common
-_SPARSEST = 100.0  # times that its samples take up, which a channel may last at most
+_SHORTEST_RECORDING = 5.0  # [s] that all channels must have in common
+_SPARSEST = 100.0  # times its usual interval for each sample, which a channel may last at most
 
 # Intervals between samples.
 _SHORTEST = 1e-5  # [s] of any sensor
 _LIKELY = 0.05  # [s] of any sensor
 _LONGEST = 5.0  # [s] of any sensor
 _GAP = 8.0  # usual intervals that a gap is longer than
-_BURST = (
-    0.5  # share of the mean interval that the usual one has at most where messages were held up
-)
+_BURST = 0.5  # share of the mean interval below which the usual one is where messages were held up
 _OFTEN = 0.02  # share of all intervals from which on gaps are what bursts leave
 _AT_ONCE = 0.05  # share of the usual interval within which a sample follows another at once
-_ONE_IN = 10  # samples that have the time of another, at least, to be reported
+_REPORTED_REPEATS = 10  # samples for each that has the time of another, from which on it is said
 _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
 """Channels that may be recorded only when they change."""
 
 # Values.
 _FOR_LONG = 90.0  # [%] of samples below a peak
-_FAR = 3.0  # widths of all others by which values are far off
+_FAR = 3.0  # widths of the range of all others by which values are far off
 _FARTHEST = {
     "position": 20.0,
     "linear_velocity": 5.0,
@@ -43,12 +41,12 @@ _FARTHEST = {
     "specific_force": 100.0,
     "current": 5.0,
 }
-"""[unit of the channel] by which values far off are so at least."""
-_SPIKE = 10.0  # usual steps that a jump is
+"""[unit of the channel] least distance of values that are far off."""
+_SPIKE = 10.0  # usual steps from which on a step is a jump
 _CLIPPED = 5  # samples at the end of a range, from which on it is the sensor's
 _SATURATES = ("linear_velocity", "angular_velocity", "specific_force")
 """Channels of sensors with a range."""
-_LEAST_VALUES = 20  # different ones of a channel whose range is judged
+_MIN_LEVELS = 20  # distinct values of a channel whose range is judged
 _FASTEST_SWIM = 10.0  # [m/s]
 _FASTEST_TURN = 4 * np.pi  # [rad/s]
 _FASTEST = {
@@ -58,18 +56,18 @@ _FASTEST = {
     "joint_velocities": (_FASTEST_TURN, "deg/s"),
     "joint_positions": (4 * np.pi, "deg"),
 }
-"""Size [unit of the channel] that no channel has for long, and the unit that it would be in."""
+"""By channel: size [unit of the channel] that it does not have for long, and the unit that it would be
+in.
+"""
 
-_PLAUSIBLE = 0.15  # share of these below which a column beside it is as it should be
+_PLAUSIBLE = 0.15  # share of the fastest below which the columns beside a fast one are sound
 _DEGREE = np.pi / 180.0
 _FACTORS = {"mm/s, or cm/s": 1e-3, "mm, or cm": 1e-3, "deg/s": _DEGREE, "deg": _DEGREE}
 """Factors from the first unit that each text names to m, m/s, rad or rad/s."""
 
 # Commands.
 _PULSES = (900.0, 2200.0)  # [us] widths
-_NARROW = (
-    0.1  # share of the size of commands within which all of them stay: no vehicle is driven so
-)
+_NARROW = 0.1  # share of the size of commands within which no vehicle is driven throughout
 _NARROW_OF_MANY = 0.5  # the same of more than two thrusters, which do not all push one way
 _BEYOND_ONE = 0.05  # by which shares of the largest command may be more than 1
 
@@ -105,11 +103,12 @@ def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
     attitude = recording.channels.get("attitude")
     if position is not None and not any(_far_off("position", position)):
         is_pressure = position.values[:, 2].min() > PRESSURE
-        places = position.values[:, :2] if is_pressure else position.values[:, :3]
-        _, rate = smoothed(position.undelayed_t, places, WINDOW, derivative=1)
-        labels = CHANNEL_KINDS["position"].columns[: rate.shape[1]]
+        places = position.values
+        labels = CHANNEL_KINDS["position"].columns
         if is_pressure:
+            places = places[:, :2]
             labels = ()
+        _, rate = smoothed(position.undelayed_t, places, WINDOW, derivative=1)
         for text in _too_fast(rate, _FASTEST_SWIM, "m/s", "mm, or cm", labels):
             yield "position", text
     if attitude is not None:
@@ -122,7 +121,7 @@ def _times(name: str, channel: Channel) -> Iterator[str]:
     """Check the clock of a channel, and the intervals between its samples."""
     if channel.back > 0.0:
         yield f"times go back by up to {channel.back:.3g} s in the file: a clock that was set?"
-    if channel.repeated > len(channel.t) / _ONE_IN:
+    if channel.repeated > len(channel.t) / _REPORTED_REPEATS:
         yield (
             f"{channel.repeated} samples had the time of another and are left out: times with too"
             " few digits?"
@@ -155,10 +154,10 @@ def _times(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _pairs(channel: Channel) -> float:
-    """Compute the share of samples that follow another at once, within its own interval, and differ
-    from it as much as that from the last.
+    """Compute the share of samples that follow another at once, inside the usual interval, and differ
+    from it as much as that one from the last.
 
-    In bursts, of messages that were held up, what follows at once comes after a longer silence.
+    In bursts of messages that were held up, samples that follow at once come after a longer silence.
     """
     steps = np.diff(channel.t)
     values = channel.values
@@ -177,7 +176,7 @@ def _pairs(channel: Channel) -> float:
 
 
 def _dead(name: str, channel: Channel) -> Iterator[str]:
-    """Check for numbers that never change; a joint may rest, and a current be steady."""
+    """Check for columns that never change; a joint may rest, and a current be steady."""
     kind = CHANNEL_KINDS[name]
     ranges = np.ptp(channel.values, axis=0)
     if kind.command:
@@ -257,8 +256,8 @@ def _spikes(name: str, channel: Channel) -> Iterator[str]:
         turns_back = steps[:-1] * steps[1:] < 0.0
         extremes = values[1:-1][jumps[:-1] & jumps[1:] & turns_back]
         peaks, counts = np.unique(extremes, return_counts=True)
-        is_one_value = counts.max(initial=0) >= max(_CLIPPED, 0.8 * len(extremes))
-        if is_one_value and not any(_far_off(name, channel)):
+        is_same_value = counts.max(initial=0) >= max(_CLIPPED, 0.8 * len(extremes))
+        if is_same_value and not any(_far_off(name, channel)):
             value = f"{peaks[np.argmax(counts)]:.10g}"
             yield (
                 f"{label} jumps to {value} and back {counts.max()} times: give missing: [{value}]"
@@ -279,7 +278,7 @@ def _saturated(name: str, channel: Channel) -> Iterator[str]:
             is_at_end = sign * values == levels[-1]
             n_visits = int((~is_at_end[:-1] & is_at_end[1:]).sum())
             n = int(counts[-1])
-            is_judged = len(levels) > _LEAST_VALUES and levels[-1] > 0.0 and n_visits > 1
+            is_judged = len(levels) > _MIN_LEVELS and levels[-1] > 0.0 and n_visits > 1
             if is_judged and n >= max(_CLIPPED, 3 * counts[-2]):
                 end = f"{sign * levels[-1]:.10g}"
                 yield (
@@ -299,7 +298,9 @@ def _units(name: str, channel: Channel) -> Iterator[str]:
 def _too_fast(
     values: np.ndarray, fastest: float, unit: str, likely_unit: str, labels: Sequence[str] = ()
 ) -> Iterator[str]:
-    """Check sizes of values (n, k) [unit]; by labels of the columns, which of them alone is so."""
+    """Yield a doubt about values (n, k) [unit] that are larger than `fastest` for long; labels: names of
+    the columns, to say which of them alone is.
+    """
     usual = float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))
     if usual <= fastest:
         return

@@ -1,7 +1,7 @@
 """Compare a prediction, channel by channel, with a vehicle that stands still.
 
-Two baselines stand still: one stays as it was seen last before the prediction begins, the other is
-at the mean of what was then measured, which nobody knew. A prediction that errs more than either
+Two baselines stand still: one keeps its last measurement before the prediction begins, the other
+has the mean of the measurements that follow, which nobody knew. A prediction that errs more than either
 has explained nothing of that channel, whatever the fit says of its own numbers.
 """
 
@@ -26,8 +26,9 @@ CHANNEL_UNITS = {
 }
 """Channels that are compared, with the unit of their errors."""
 NOTHING_MOVES = "nothing moves"
+"""Name of the baseline that keeps the last measurement."""
 MEAN = "its mean"
-"""Names of the two baselines."""
+"""Name of the baseline that has the mean of the measurements."""
 EQUAL_WITHIN = 0.01
 """Share of a baseline's error within which a prediction counts as equally good: where nothing but
 noise is measured, two predictors differ by less.
@@ -39,9 +40,11 @@ class WorseThanStill:
     """A channel of a recording that is predicted worse than by a vehicle that stands still."""
 
     recording: str
+    """Name of the recording."""
     channel: str
-    """Name, as in `CHANNEL_UNITS`."""
+    """Name of the channel, of `CHANNEL_UNITS`."""
     unit: str
+    """Unit of the errors."""
     error: float
     """[unit] root mean square of the prediction's errors."""
     baseline: str

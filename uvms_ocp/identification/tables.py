@@ -1,4 +1,4 @@
-"""Tables of numbers in files that anyone may have written, and recordings stored as such.
+"""Read tables of numbers from files of unknown origin, and store recordings as such.
 
 Text (see `uvms_ocp.identification.text_tables`) and workbooks, Parquet, and named arrays: NumPy's
 ``.npz``, MATLAB's ``.mat``, HDF5, one object or list of JSON. An array of two dimensions has a
@@ -57,13 +57,13 @@ class TableColumns:
     """Columns of a table."""
 
     values: np.ndarray
-    """(n, k) [as they are], NaN where a cell says nothing."""
+    """(n, k) [as in the file], NaN for cells without a number."""
     units: tuple[str, ...]
-    """What the file says of their units; empty where it says nothing."""
+    """Units of the columns by the file; empty where it has none."""
     remarks: tuple[str, ...] = ()
-    """What of the file was left out."""
+    """Sentences on parts of the file that were left out."""
     layout: str = ""
-    """How the file was understood."""
+    """Layout that was detected, in words."""
     notes: tuple[str, ...] = ()
     """Statements of the file about these columns, such as a scale, that were applied in reading
     them.
@@ -76,11 +76,11 @@ def read_table(
     text_format: TextFormat | None = None,
     words: Sequence[str | None] = (),
 ) -> TableColumns:
-    """Read columns of a table, by their names; words: of columns of text, such that are 1, all
-    others 0.
+    """Read columns of a table by their names; words: for columns of text, the word that reads as 1,
+    where all others read as 0.
 
-    Raises NameNotFound for a column that there is not, NotInstalled, and InvalidInput for what is
-    no table of numbers.
+    Raises NameNotFound for an unknown column, NotInstalled, and InvalidInput for a file without a
+    table of numbers.
     """
     require_there(path)
     kind = kind_of(path)
@@ -125,20 +125,18 @@ def require_there(path: Path) -> None:
         raise InvalidInput(f"{path}: there is no such file")
 
 
-# Named arrays.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Arrays:
     """Columns of the arrays of a file, by name."""
 
     columns: dict[str, np.ndarray]
-    """(n,) each"""
+    """(n,) [as in the file] columns by name."""
     sources: dict[str, OrientedArray]
-    """Arrays that they are of."""
+    """By the name of a column: the array that it is of."""
 
 
 def _from_arrays(path: Path, selection: Sequence[str]) -> TableColumns:
+    """Read columns of a file of named arrays."""
     arrays = _arrays(path)
     known = list(arrays.columns)
     names = [known[place_of(path, known, name)] for name in selection]
@@ -146,9 +144,9 @@ def _from_arrays(path: Path, selection: Sequence[str]) -> TableColumns:
     lengths = {len(column) for column in columns}
     if len(lengths) > 1 or max(lengths) > MOST_ROWS:
         pairs = zip(selection, columns, strict=True)
-        lengths_text = ", ".join(f"{name}: {len(column)}" for name, column in pairs)
+        sizes = ", ".join(f"{name}: {len(column)}" for name, column in pairs)
         raise InvalidInput(
-            f"{path}: columns of {lengths_text} numbers; allowed: as many of each, at most {MOST_ROWS}"
+            f"{path}: columns of {sizes} numbers; allowed: as many of each, at most {MOST_ROWS}"
         )
     sources = [arrays.sources[name] for name in names]
     notes = dict.fromkeys(source.note for source in sources if source.note)
@@ -162,7 +160,7 @@ def _from_arrays(path: Path, selection: Sequence[str]) -> TableColumns:
 
 
 def _arrays(path: Path) -> _Arrays:
-    """Read columns by name."""
+    """Read all columns of a file of named arrays."""
     with as_input_errors(path):
         readers = {
             "npz": read_arrays,
@@ -189,10 +187,12 @@ def _arrays(path: Path) -> _Arrays:
     for name, table in tables.items():
         source = oriented(table, n_times, n_few_times)
         n_columns = source.values.shape[1]
-        if name and n_columns == 1:
+        if not name:
+            names = [f"#{k + 1}" for k in range(n_columns)]
+        elif n_columns == 1:
             names = [name]
         else:
-            names = [f"{name}[{k}]" if name else f"#{k + 1}" for k in range(n_columns)]
+            names = [f"{name}[{k}]" for k in range(n_columns)]
         columns |= zip(names, source.values.T, strict=True)
         sources |= dict.fromkeys(names, source)
     return _Arrays(columns=columns, sources=sources)
@@ -276,11 +276,13 @@ def _hdf5_arrays(path: Path) -> Mapping[str, np.ndarray]:
         file.visititems(collect)
         _require_few((name, dataset.shape) for name, dataset in datasets.items())
 
-        return {
-            # MATLAB writes its columns as rows.
-            name: dataset[()].T if "MATLAB_class" in dataset.attrs else dataset[()]
-            for name, dataset in datasets.items()
-        }
+        arrays = {}
+        for name, dataset in datasets.items():
+            array = dataset[()]
+            if "MATLAB_class" in dataset.attrs:  # MATLAB writes its columns as rows
+                array = array.T
+            arrays[name] = array
+        return arrays
 
 
 def _require_few(shapes: Iterable[tuple[str, Sequence[int]]]) -> None:

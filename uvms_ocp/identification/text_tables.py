@@ -1,5 +1,5 @@
-"""Read tables of text that anyone may have written: encoding, delimiter, decimal sign, header and
-units are found, or given.
+"""Read tables of text of unknown origin: encoding, delimiter, decimal sign, header and units are
+detected, or given.
 
 A table is what follows a header: rows of equally many cells, in most of whose columns there are
 numbers. Lines before it are passed over, so are comments, of which the last before the first row
@@ -38,12 +38,11 @@ from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors
 
 MOST_ROWS = 5_000_000
-"""of a file: 14 hours at 100 Hz."""
+"""Largest number of rows of a file: 14 hours at 100 Hz."""
 LONGEST_LINE = 1 << 20
-"""characters: a packed file may have one that fills any memory."""
-# lines, and bytes, from which the layout is found
-_HEAD = 200
-_HEAD_BYTES = 1 << 16
+"""[characters] longest line: a packed file may have one that fills any memory."""
+_HEAD = 200  # lines from which the layout is detected
+_HEAD_BYTES = 1 << 16  # from which the encoding is detected
 _DELIMITERS = {"tab": "\t", ";": ";", ",": ",", "|": "|", "blank": ""}
 _GZIP = b"\x1f\x8b"
 _ZIP = b"PK"
@@ -58,7 +57,7 @@ _OTHER_UNITS = re.compile(
 
 @one_line_errors
 class TextFormat(FileModel, use_attribute_docstrings=True):
-    """What is known of a table of text; what is not given is found."""
+    """Known parts of the layout of a table of text; the rest is detected."""
 
     encoding: str | None = None
     """such as utf-8, cp1252"""
@@ -82,21 +81,23 @@ class TextLayout:
     delimiter: str
     """Between cells, a key of `TextFormat`."""
     decimal: str
+    """Sign before decimals."""
     names: tuple[str, ...]
-    """Names of the columns; their numbers where there is no header."""
+    """Names of the columns; ``#1``, ``#2``, ... where there is no header."""
     units: tuple[str, ...]
-    """Units of the columns, from a row of units or from brackets in the names; empty where nothing
-    is said.
+    """Units of the columns, from a row of units or from brackets in the names; empty for unknown
+    ones.
     """
     header: int
-    """Its line, from 1; 0 for none."""
+    """Line of the header, from 1; 0 for none."""
     first: int
     """Line of the first row, from 1."""
     time: str = ""
     """Format of its times as it was given, empty for one that is known by itself."""
     sheet: str = ""
+    """Sheet of a workbook that the table is in."""
     sheets: tuple[str, ...] = ()
-    """The sheet of a workbook, and all that it has."""
+    """All sheets of the workbook."""
 
     def __str__(self) -> str:
         if self.header:
@@ -111,10 +112,10 @@ class TextLayout:
 
 
 def text_layout(path: Path, text_format: TextFormat | None = None) -> TextLayout:
-    """Find the layout of a table.
+    """Detect the layout of a table.
 
-    Raises InvalidInput for what is none, NotInstalled for a workbook without its library,
-    NameNotFound for no such sheet.
+    Raises InvalidInput for a file without a table, NotInstalled for a workbook without its library,
+    NameNotFound for an unknown sheet.
     """
     text_format = text_format or TextFormat()
     encoding = text_format.encoding or _encoding(path)
@@ -167,7 +168,7 @@ def text_columns(
     """Read columns (n, k) [as they are] of a table, NaN for empty cells, and remarks about rows
     that were left out.
 
-    places: (k,) of `place_of`. words: by place, such that are 1 and all others 0.
+    places: (k,) of `place_of`. words: by place, the word that reads as 1, where all others read as 0.
     Times of day and ISO 8601 times are in seconds. Raises InvalidInput, and NotInstalled as
     `text_layout` does.
     """
@@ -199,7 +200,9 @@ def place_of(path: Path, names: Sequence[str], column: str) -> int:
 
 
 def _plain(name: str) -> str:
-    return re.sub(r"^[#%]\s*(?=\D)", "", _UNIT.sub("", name).strip().lower())
+    """Return a name in lower case, without its unit and the sign of a comment."""
+    without_unit = _UNIT.sub("", name).strip().lower()
+    return re.sub(r"^[#%]\s*(?=\D)", "", without_unit)
 
 
 def _unit_in(name: str) -> str:
@@ -290,6 +293,7 @@ def _has_units(row: _Row) -> bool:
 
 
 def _encoding(path: Path) -> str:
+    """Detect the encoding by a mark at the beginning, or by its first bytes."""
     if _begins_with(path, _ZIP):
         return "utf-8"
     with _damage_in_a_line(path), _unpacked(path) as data:
@@ -339,6 +343,7 @@ def _fitness(lines: Sequence[str], delimiter: str) -> float:
 
 
 def _split(line: str, delimiter: str) -> list[str]:
+    """Split a line into cells."""
     if delimiter == "blank":
         return line.split()
     reader = csv.reader([line], delimiter=_DELIMITERS[delimiter], skipinitialspace=True)
@@ -347,6 +352,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _decimal(table: Sequence[_Row], delimiter: str) -> str:
+    """Detect the sign before decimals."""
     cells = chain.from_iterable(row.cells for row in table)
     if delimiter == ",":
         # Only a cell in quotes has a comma, which may also stand between groups of digits.
