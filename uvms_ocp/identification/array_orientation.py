@@ -19,7 +19,7 @@ class OrientedArray:
     """An array whose rows are samples."""
 
     values: np.ndarray
-    """(n, k)"""
+    """(n, k) [as in the file] samples, one in each row."""
     note: str = ""
     """Evidence for which it was turned on its side."""
     remark: str = ""
@@ -29,11 +29,11 @@ class OrientedArray:
 def oriented(
     array: np.ndarray, n_times: Collection[int], n_few_times: Collection[int] = ()
 ) -> OrientedArray:
-    """Turn an array (n,) or (n, k) so that its rows are samples; n_times: lengths of vectors of times
-    that stand beside it in a file; n_few_times: of those that are short.
+    """Turn an array (n,) or (n, k) so that its rows are samples.
 
-    A single row is a vector. Where an array is wider than long, and no time tells, its rows are
-    taken for samples and it is said so.
+    n_times: lengths of the vectors of times in the same file; n_few_times: lengths of those that are
+    short. A single row is a vector. An array that is wider than long, and that no length of times
+    explains, is left as it is, with a remark.
     """
     table = array.reshape(len(array), -1)
     n_rows, n_columns = table.shape

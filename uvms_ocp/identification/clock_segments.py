@@ -28,7 +28,7 @@ class ContinuedTimes:
     """Times of several channels, that go on where their clock began anew."""
 
     times: Mapping[str, np.ndarray]
-    """(n,) [s] of each channel, in the order of the file."""
+    """(n,) [s] times of each channel, in the order of the file."""
     wraps: int = 0
     """Largest number of times that the counter of a channel wrapped."""
     boots: int = 0

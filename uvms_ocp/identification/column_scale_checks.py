@@ -39,9 +39,9 @@ class Displacements:
     """Displacements over `_PERIOD` from each of uniform times."""
 
     by_position: np.ndarray
-    """(m, 3) [m] in W, differences of positions."""
+    """(m, 3) [m] differences of positions, in W."""
     by_velocity: np.ndarray
-    """(m, 3) [m] in W, integrals of velocities."""
+    """(m, 3) [m] integrals of velocities, in W."""
 
 
 def of_columns(recording: Recording) -> Iterator[tuple[str, str]]:

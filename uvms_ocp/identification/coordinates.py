@@ -19,15 +19,15 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.spatial import skew
 
-_SMOOTH = 1e-3  # of the unit of a coupling: size below which its magnitude is rounded up
+_SMOOTH = 1e-3  # [unit of a coupling] size below which its magnitude is rounded up
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Reals:
-    """Numbers of any sign, which are their own coordinates."""
+    """Numbers of any sign, with themselves as coordinates."""
 
     names: tuple[str, ...]
-    """(n,) of the numbers."""
+    """(n,) names of the numbers."""
 
     def decode(self, x: ca.SX) -> ca.SX:
         """Return x unchanged."""
@@ -45,7 +45,7 @@ class Positives:
     """Positive numbers, by their logarithms."""
 
     names: tuple[str, ...]
-    """(n,) of the numbers."""
+    """(n,) names of the numbers."""
 
     def decode(self, x: ca.SX) -> ca.SX:
         """Compute ``exp(x)``."""
@@ -63,7 +63,7 @@ class Interval:
     """Numbers strictly inside an interval each: ``tanh(x)``, from the lower to the upper end."""
 
     names: tuple[str, ...]
-    """(n,) of the numbers."""
+    """(n,) names of the numbers."""
     lower: np.ndarray
     """(n,) [unit of the quantity] lower ends."""
     upper: np.ndarray
@@ -104,7 +104,7 @@ class PositiveDefinite:
     scale: np.ndarray
     """(n,) [root of the unit of the diagonal] S, of the size that roots of the diagonal have."""
     couplings: tuple[tuple[int, int], ...] = ()
-    """Pairs of axes, in any order; what two of them imply for a third pair is there too."""
+    """Pairs of axes, in any order; products of L also couple axes that two pairs have in common."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -152,8 +152,8 @@ class PositiveDefinite:
 
 
 def positive(values: np.ndarray, label: str) -> np.ndarray:
-    """Return the values (...) [any]. Raises InvalidInput for one that is not positive and finite;
-    `label` names them.
+    """Return the values (...) [any]. Raises InvalidInput for values that are not positive and finite;
+    label: their name in the message.
     """
     if not (np.isfinite(values).all() and (values > 0.0).all()):
         raise InvalidInput(f"{label} {values.tolist()} given; allowed: finite, more than 0")
@@ -161,6 +161,7 @@ def positive(values: np.ndarray, label: str) -> np.ndarray:
 
 
 def _column(value: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Return a value as a vector (n,). Raises InvalidInput for another length than that of names."""
     array = np.atleast_1d(np.asarray(value, dtype=float))
     if array.shape != (len(names),):
         raise InvalidInput(
@@ -196,7 +197,7 @@ class LinearDrag:
         return D
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """Compute x of D, value (6, 6) [N/(m/s), N m/(rad/s)]. Raises InvalidInput for one that
+        """Compute x of a matrix D, value (6, 6) [N/(m/s), N m/(rad/s)]. Raises InvalidInput where it
         does not dissipate.
         """
         D = np.asarray(value, dtype=float)
@@ -221,7 +222,7 @@ class QuadraticDrag:
     axes: tuple[str, ...]
     """(6,) names of rows and columns."""
     scale: np.ndarray
-    """(6,) [N/(m/s)^2, N m/(rad/s)^2] of the size of the diagonal; axes with 0 have none."""
+    """(6,) [N/(m/s)^2, N m/(rad/s)^2] typical size of the diagonal; axes with 0 have no drag."""
     speed: np.ndarray
     """(6,) [m/s, rad/s] at which couplings are weighed against each other."""
     couplings: tuple[tuple[int, int], ...] = ()
@@ -280,9 +281,9 @@ class QuadraticDrag:
         d: list[ca.SX | float] = [0.0] * 6
         for (i, j), size in sizes.items():
             force = size * self._unit(i, j)
-            s = self.speed
-            d[i] += force * s[j] ** 2 / (3 * s[i] ** 2)
-            d[j] += 2 * force * s[i] / (3 * s[j])
+            speed = self.speed
+            d[i] += force * speed[j] ** 2 / (3 * speed[i] ** 2)
+            d[j] += 2 * force * speed[i] / (3 * speed[j])
         return d
 
     def _unit(self, i: int, j: int) -> float:

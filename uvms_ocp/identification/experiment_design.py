@@ -44,9 +44,9 @@ from uvms_ocp.types import Positive, Range
 STEP = 0.05
 """[s] for which a command is held."""
 FINER = 5
-"""Steps of the simulation that says where commands lead, in one of the search."""
+"""Number of steps of the final simulation in a step of the search."""
 HALF = 0.5
-"""Target, as a share of the smallest standard error by hand."""
+"""Target of a standard error, as a share of the smallest one by hand."""
 # Durations of recordings: maps from knots to commands grow with the square.
 _SHORTEST = 1.0  # [s]
 _LONGEST = 1800.0  # [s]
@@ -94,17 +94,17 @@ class ExperimentTask:
     limits: ExperimentLimits
     """Limits of commands and motion."""
     duration: Annotated[float, Range(_SHORTEST, _LONGEST)] = 60.0
-    """[s] of a recording."""
+    """[s] duration of a recording."""
     matter: tuple[str, ...] = ()
-    """Numbers, or quantities, which are to be known well; all where none is named."""
+    """Names of numbers, or of quantities, that are to be known well; empty for all."""
     noise: Noise = field(default_factory=Noise)
     """Noise of the sensors."""
     rate: Positive = 10.0
-    """[Hz] of the sensors."""
+    """[Hz] rate of the sensors."""
     prior_information: np.ndarray | None = None
     """(n_p, n_p) [1 / unknowns^2] information of recordings that there are."""
     joints: tuple[float, ...] = ()
-    """(n_j,) [rad or m] of the arm, which is held still; 0 where none is given."""
+    """(n_j,) [rad or m] positions of the arm's joints, which are held; 0 by default."""
 
     def __post_init__(self) -> None:
         n_u = len(self.vehicle.actuators.names)
@@ -115,12 +115,14 @@ class ExperimentTask:
 
     @property
     def unknowns(self) -> np.ndarray:
-        """(n_p,) [as `Unknowns.start`] shared ones, then those of the recording."""
+        """(n_p,) [as `Unknowns.start`] prior values of the unknowns: shared ones, then those of the
+        recording.
+        """
         return np.concatenate([self.vehicle.shared.start, self.vehicle.per_recording.start])
 
     @property
     def still(self) -> np.ndarray:
-        """(3 n_j,) [as `StageFunctions` has joints] of the arm at rest."""
+        """(3 n_j,) [rad or m, and rates] positions, velocities and accelerations of the arm at rest."""
         n_j = self.vehicle.dynamics.model.nv - N_V
         positions = self.joints or np.zeros(n_j)
         return np.concatenate([positions, np.zeros(2 * n_j)])
@@ -149,20 +151,21 @@ class Excitation:
     """Commands, and the numbers that they are expected to determine."""
 
     commands: Channel
-    """(n, n_u) [N, N m] held for a step each; they begin with 0."""
+    """(n, n_u) [N, N m] commands of the actuators, held for a step each; they begin with 0."""
     states: np.ndarray
-    """(k, n_x) [as `StageFunctions`] that they lead to, from rest, in the finer steps of the last
-    simulation.
+    """(k, n_x) [as `StageFunctions`] states to which the commands lead from rest, in the finer steps
+    of the last simulation.
     """
     swept: np.ndarray
-    """(2, 3) [m] lowest and highest corner of what the hull sweeps, in W, from where the vehicle's
-    origin begins.
+    """(2, 3) [m] lowest and highest corner of a box in W that the hull sweeps, from where the
+    vehicle's origin begins.
     """
     numbers: tuple[IdentifiedNumber, ...]
     """Expected numbers after one recording, if the vehicle is as the priors have it."""
     information: np.ndarray
-    """(n_p, n_p) [1 / unknowns^2] of one recording, priors left out."""
+    """(n_p, n_p) [1 / unknowns^2] information of one recording, without priors."""
     status: DesignStatus
+    """Outcome of the design."""
 
 
 class DesignStatus(AdvisedStatus):
@@ -180,11 +183,11 @@ class DesignSettings:
     """Settings of the search for commands."""
 
     step: float = 0.05
-    """[s] of the simulation, for which a command is held."""
+    """[s] step of the simulation, for which a command is held."""
     knots: float = 0.2
-    """[s] between the commands that are searched for."""
+    """[s] interval between the knots of the commands that are searched for."""
     starts: int = 3
-    """Sines drawn in each size, of which the best are made better."""
+    """Number of sines drawn in each size; the search begins at the best of all."""
     iterations: int = 200
     """Iterations in a round; leaving the pool costs little in the first and much in the last."""
     seed: int = 0
@@ -192,7 +195,7 @@ class DesignSettings:
 
 
 def excitation_of(task: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
-    """Predict what other commands, held for equal steps, would determine."""
+    """Predict what commands, held for equal steps, would determine."""
     step = float(commands.t[1] - commands.t[0])
     simulator = TrajectorySimulator(rollout, task.unknowns, step, task.still)
     held = ZeroOrderHold(commands)
@@ -216,8 +219,8 @@ def excitation_of(task: ExperimentTask, rollout: Rollout, commands: Channel) -> 
 
 
 def _places_of(matter: Sequence[str], names: Sequence[tuple[str, str]]) -> list[int]:
-    """List the places of numbers that matter, by their name or quantity, in names (quantity,
-    number); of all where none is named.
+    """List the indices of the numbers that matter in names, pairs of quantity and number; of all where
+    none is named.
     """
     if not matter:
         return list(range(len(names)))
@@ -320,14 +323,14 @@ class Objective:
     limits: ExperimentLimits
     """Limits that penalties keep: slew, pool and tilt."""
     history: KnotCommands
-    """Commands by knots."""
+    """Maps from knots to commands."""
     simulator: TrajectorySimulator
-    """Where commands lead."""
+    """Simulator of the vehicle from rest."""
     targets: np.ndarray
-    """(m,) [units of numbers] standard errors that those of the aim are compared with."""
-    off: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    """(n + 1, n_x) [as `StageFunctions`], or none (1,), by which finer steps lead beside the
-    simulated states.
+    """(m,) [units of numbers] standard errors to be reached, which the aim compares with."""
+    step_error: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    """(n + 1, n_x) [as `StageFunctions`] states in finer steps less the simulated ones; (1,) zero
+    before these are known.
     """
 
     def value(self, knots: np.ndarray, price: float) -> tuple[float, np.ndarray]:
@@ -337,7 +340,7 @@ class Objective:
         history = self.history
         trajectory = self.simulator.of(history.acting @ knots, history.late @ knots)
         figure, M = self.aim.figure(trajectory, self.simulator.h, self.targets)
-        excess, slope = self.limits.beyond(trajectory.x + self.off)
+        excess, slope = self.limits.beyond(trajectory.x + self.step_error)
         share = 2.0 * price / len(trajectory.x)
         by_pose = share * np.einsum("ki,kij->kj", excess, slope)
         n_without_pose = trajectory.x.shape[1] - slope.shape[2]
@@ -418,7 +421,7 @@ class _DesignSearch:
         """Search for better knots in one round, for a price of leaving the pool."""
         coarse = self.objective.simulator.states(self.objective.history.acting @ knots)
         fine = self.expected(knots).states[::FINER]
-        objective = replace(self.objective, off=fine - coarse)
+        objective = replace(self.objective, step_error=fine - coarse)
         return objective.lowered(knots, price, self.effort.iterations)
 
     def expected(self, knots: np.ndarray) -> Excitation:

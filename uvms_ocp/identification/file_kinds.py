@@ -21,7 +21,7 @@ Kind = Table | Messages
 MESSAGES: tuple[Kind, ...] = get_args(Messages)
 """Kinds that hold messages of topics; all others are tables."""
 BAG_METADATA = "metadata.yaml"
-"""of a folder of ROS 2."""
+"""Name of the file that describes a folder of ROS 2."""
 _TABLE = (
     (files("uvms_ocp.identification") / "file_kinds.csv").read_text(encoding="utf-8").splitlines()
 )

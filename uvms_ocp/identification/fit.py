@@ -148,7 +148,7 @@ class Search:
     """Settings of the search in long segments."""
 
     step: float = 0.02
-    """[s] of the simulation; errors from a step that is too long are in the intervals."""
+    """[s] step of the simulation; intervals include the errors that come from its length."""
     segment_length: float = 20.0
     """[s] length of the segments."""
     iterations: int = 15

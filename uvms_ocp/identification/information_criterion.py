@@ -28,7 +28,7 @@ class InformationCriterion:
     noise: output_error.Noise
     """Standard deviations of the sensors."""
     rate: float
-    """[Hz] of the sensors."""
+    """[Hz] rate of the sensors."""
 
     def weights(self, h: float) -> np.ndarray:
         """Compute weights (9,) [1 / unit^2] of the outputs, in steps of h [s]."""
@@ -72,8 +72,8 @@ class InformationCriterion:
         """Compute the covariance (n_p, n_p) [unknowns^2] after recordings of some information (n_p,
         n_p) [1 / unknowns^2].
         """
-        least_information = _NEXT_TO_NOTHING * np.eye(len(self.prior_information))
-        total = information + self.prior_information + least_information
+        floor = _NEXT_TO_NOTHING * np.eye(len(self.prior_information))
+        total = information + self.prior_information + floor
         # Unknowns differ by powers of ten in what is known of them.
         scale = 1.0 / np.sqrt(np.diag(total))
         return np.asarray(scale[:, None] * np.linalg.inv(total * np.outer(scale, scale)) * scale)

@@ -24,7 +24,7 @@ from uvms_ocp.identification.channel_mapping import RecordingMapping, frames_of
 from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS
 
-_ROUNDS = 3  # of cures, one of which may show what another one cures
+_ROUNDS = 3  # of cures: one may show doubts that another one cures
 
 MappedChannels = dict[str, dict[str, Any]]
 """Keys of each channel of a mapping, as in `RecordingMapping`."""
@@ -35,16 +35,19 @@ class Doubt:
     """A doubt about one channel, or the error for which it cannot be read."""
 
     channel: str
+    """Name of the channel."""
     problem: str
+    """Evidence for the doubt, or the error, in words."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FirstReading:
-    """What a recording looks like when it is read by a proposed mapping."""
+    """Result of reading a recording by a proposed mapping."""
 
     ranges: Mapping[str, str]
     """Smallest and largest value, and rate, of each channel that can be read."""
     doubts: Sequence[Doubt]
+    """Doubts about the channels, and errors of those that cannot be read."""
     is_above_water: bool = False
     """True where every height is above 0: some world has its zero at the bottom, but not most."""
 
@@ -56,17 +59,19 @@ class _Candidate:
     channel: str
     """Name of the channel that the cure is about."""
     channels: MappedChannels
+    """Channels of the mapping with the cure."""
     keys: str
     """Keys of the mapping that make the cure, as YAML."""
     is_of_whole_file: bool
+    """True if the cure changes all channels."""
 
 
 def apply_cures(
     path: Path, channels: MappedChannels, cures: Sequence[Mapping[str, Any]]
 ) -> tuple[MappedChannels, Mapping[str, list[str]]]:
-    """Apply of the cures for each doubt the one that leaves fewest.
+    """Apply to each doubt the cure that leaves the fewest doubts.
 
-    Returns the channels, and by channel the doubts that were cured.
+    Returns the cured channels, and by channel the doubts that were cured.
     """
     cured = defaultdict[str, list[str]](list)
     result = first_reading(path, channels)
@@ -133,7 +138,9 @@ def _reading_without_a_channel(path: Path, channels: MappedChannels, error: str)
 
     def place_in_error(name: str) -> int:
         place = error.find(name)
-        return place if place >= 0 else len(error)
+        if place < 0:
+            return len(error)
+        return place
 
     unreadable = min(channels, key=place_in_error)
     doubt = Doubt(channel=unreadable, problem=error)
@@ -206,8 +213,9 @@ def _with_time(channels: MappedChannels, channel: str, keys: Mapping[str, Any]) 
     source = [channels[channel].get(key) for key in ("file", "topic", "time")]
     changed = MappedChannels()
     for name, old_keys in channels.items():
-        has_same_time = [old_keys.get(key) for key in ("file", "topic", "time")] == source
-        changed[name] = {**old_keys, **keys} if has_same_time else old_keys
+        changed[name] = old_keys
+        if [old_keys.get(key) for key in ("file", "topic", "time")] == source:
+            changed[name] = {**old_keys, **keys}
     return changed
 
 

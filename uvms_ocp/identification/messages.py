@@ -40,19 +40,19 @@ class Message(NamedTuple):
     """One message as logged."""
 
     topic: str
+    """Name of the topic."""
     logged: int
-    """[ns]"""
+    """[ns] time of logging."""
     content: Any
+    """Fields of the message, by their names."""
     sender: Identity = MappingProxyType({})
-    """By what the file tells its senders apart; empty where it does not."""
+    """Identity of the sender; empty where the file does not tell senders apart."""
 
 
-_PARTED = "=" * 80 + "\n"
-"""Between the definitions of a schema in IDL."""
+_SEPARATOR = "=" * 80 + "\n"
+"""Line between the definitions of a schema in IDL."""
 
 _loads = partial(json.loads, parse_int=float)  # any number of digits
-
-# All kinds: the files that hold messages, and the topics of each.
 
 
 def messages(
@@ -80,7 +80,7 @@ def topics_of(path: Path) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """How messages of one kind of file are read."""
+    """Functions that read messages of one kind of file."""
 
     messages: Callable[[Path, Collection[str], Path | None, list[str]], Iterator[Message]]
     topics: Callable[[Path], Collection[str]]
@@ -94,7 +94,9 @@ def _files(path: Path) -> list[Path]:
         about: Any = yaml_file.read_yaml(path / BAG_METADATA)
         information = about["rosbag2_bagfile_information"]
         packed = str(information.get("compression_mode") or "none").lower()
-        names = information["relative_file_paths"] if packed == "none" else []
+        names = []
+        if packed == "none":
+            names = information["relative_file_paths"]
     if packed != "none":
         raise InvalidInput(f"{path}: packed by {packed}; unpack it by `ros2 bag convert`")
     files = [path / PurePath(name).name for name in names]
@@ -185,7 +187,7 @@ def ros_decoder(
 
 def _of_idl(typesys: Any, text: str) -> dict[str, Any]:
     types: dict[str, Any] = {}
-    for part in text.split(_PARTED):
+    for part in text.split(_SEPARATOR):
         if not part.strip():
             continue
         if part.startswith("IDL: "):
@@ -455,7 +457,7 @@ class TopicColumns:
     time: str = ""
     """Path of the time; empty for the time of logging."""
     unit: float = 1.0
-    """[s] of a time that is a plain number."""
+    """[s] unit of a time that is a plain number."""
     rows: tuple[tuple[str, float | str], ...] = ()
     """Fields, or names of senders, and the values that messages must have in them."""
 

@@ -483,15 +483,15 @@ class Noise:
     """Standard deviations of measurements and of changes of state between segments."""
 
     velocity: float = 0.02
-    """[m/s] of measured velocity, errors of the model included."""
+    """[m/s] deviation of measured velocity, errors of the model included."""
     rate: float = 0.05
-    """[rad/s] of angular velocity."""
+    """[rad/s] deviation of measured angular velocity."""
     vertical: float = 0.03
-    """[rad] of roll and pitch, of the vertical in B."""
+    """[rad] deviation of measured roll and pitch, of the vertical in B."""
     process: float = 0.05
-    """[m/s, rad/s, rad] between the end of a segment and the beginning of the next."""
+    """[m/s, rad/s, rad] deviation between the end of a segment and the start of the next."""
     start: float = 0.1
-    """[m/s, rad/s, rad] between the start of a segment and the measurements there."""
+    """[m/s, rad/s, rad] deviation between the start of a segment and the measurements there."""
     outliers: float = 3.0
     """Standard deviations beyond which the loss is linear."""
 
@@ -503,7 +503,7 @@ class SearchPoint:
     shared: np.ndarray
     """(n,) [as `Unknowns.start`] unknowns of all recordings."""
     per_recording: tuple[np.ndarray, ...]
-    """(m,) [as `Unknowns.start`] of each recording: unknowns that it has for itself."""
+    """(m,) [as `Unknowns.start`] unknowns that each recording has for itself."""
     starts: tuple[tuple[SegmentStart, ...], ...]
     """Starts of the segments of each recording."""
 

@@ -36,7 +36,7 @@ class PredictionBounds:
     together.
     """
     seconds: float
-    """[s] that these fits took."""
+    """[s] time that these fits took."""
 
     def predictors(self, recording: PreparedRecording) -> dict[str, Predictor]:
         """Return the predictors of one of the recordings, by `TOGETHER` and `ALONE`.

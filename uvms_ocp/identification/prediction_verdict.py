@@ -91,36 +91,37 @@ class FitShares:
     """Fit of one channel, beside the fits of vehicles that were identified on the predicted data."""
 
     channel: str
+    """Name of the channel, of `FITTED_CHANNELS`."""
     predicted: float
-    """[%] by the vehicle that has not seen it, as `fit_percent`; median over recordings."""
+    """[%] fit, by `fit_percent`, of the vehicle that has not seen it; median over recordings."""
     together: float
-    """[%] by one vehicle that was identified on all recordings that are predicted."""
+    """[%] fit of one vehicle that was identified on all recordings that are predicted."""
     alone: float
-    """[%] each recording by a vehicle that was identified on it alone."""
+    """[%] fit of vehicles that were identified on one recording each; median over recordings."""
 
     @property
-    def one_vehicle(self) -> float:
-        """[%] of the best single vehicle that is known; the one that predicts is one, too."""
+    def best_single(self) -> float:
+        """[%] fit of the best single vehicle that is known, which may be the one that predicts."""
         return max(self.predicted, self.together)
 
     @property
     def share(self) -> float:
-        """[%] of what one vehicle could explain; no number where that explains nothing."""
-        if self.one_vehicle <= 0.0:
+        """[%] share of what one vehicle could explain; NaN where that explains nothing."""
+        if self.best_single <= 0.0:
             return float("nan")
-        return 100.0 * self.predicted / self.one_vehicle
+        return 100.0 * self.predicted / self.best_single
 
     @property
     def missed(self) -> Mapping[MissCause, float]:
-        """[%] of the channel that each cause accounts for; together ``100 - predicted``.
+        """[%] part of the channel that each cause accounts for; together ``100 - predicted``.
 
         A vehicle of one recording alone may predict less than one of all: it was identified on few
         samples. Then nothing is known to differ between recordings.
         """
-        bound = max(self.one_vehicle, self.alone)
+        bound = max(self.best_single, self.alone)
         return {
-            MissCause.FIT: self.one_vehicle - self.predicted,
-            MissCause.RECORDINGS: bound - self.one_vehicle,
+            MissCause.FIT: self.best_single - self.predicted,
+            MissCause.RECORDINGS: bound - self.best_single,
             MissCause.MODEL: 100.0 - bound,
         }
 
@@ -150,7 +151,7 @@ class FitShares:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PredictionJudgement:
-    """What predictions of a set of recordings are worth."""
+    """Judgement on the predictions of a set of recordings."""
 
     worse: tuple[WorseThanStill, ...]
     """Channels of recordings that are predicted worse than by a vehicle that stands still."""
@@ -165,7 +166,7 @@ class PredictionJudgement:
 
     @property
     def verdict(self) -> PredictionVerdict:
-        """The worst that holds of any of them."""
+        """Worst verdict that holds for any of the recordings."""
         if self.compared == 0:
             return PredictionVerdict.NOTHING_PREDICTED
         if self.worse or self.unpredicted:

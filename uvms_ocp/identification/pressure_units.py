@@ -13,17 +13,17 @@ import numpy as np
 from uvms_ocp.identification.recording import CHANNEL_TABLE
 
 PRESSURE_UNITS: Mapping[str, float] = CHANNEL_TABLE["units"]["bar"]
-"""[bar] of each unit."""
+"""[bar] size of each unit."""
 AIR = 1.01325
-"""[bar] at sea level."""
+"""[bar] pressure of air at sea level."""
 PRESSURE = 700.0
 """[mbar] Pressure of air where people are; more than any height of a vehicle in water [m]."""
 METRES = 10.197
-"""[m] of fresh water that press as much as a bar; of salt water 2.5 % less."""
+"""[m] height of fresh water with the pressure of a bar; of salt water it is 2.5 % less."""
 
-_LEAST_AIR = 0.6  # [bar] where people dive: lakes at 4,000 m
-_MOST_AIR = 1.08  # [bar]
-_NEAR = 0.03  # share of the air at sea level within which a pressure begins in air
+_THINNEST_AIR = 0.6  # [bar] where people dive: lakes at 4,000 m
+_DENSEST_AIR = 1.08  # [bar]
+_AIR_ERROR = 0.03  # share of the air at sea level within which a pressure begins in air
 _LARGE = 3e4  # [mbar] of no usual vehicle: 300 m deep
 _AT_BEGIN = 0.05  # share of all samples that show where a recording begins
 
@@ -49,9 +49,9 @@ class PressureReading:
 def read_in(unit: str, pressures: np.ndarray) -> PressureReading:
     """Read pressures (n,) [unit] in a unit that is known: whether of a gauge, or with what air."""
     lowest = float(pressures.min()) * PRESSURE_UNITS[unit]  # [bar]
-    if lowest < _LEAST_AIR:
+    if lowest < _THINNEST_AIR:
         return PressureReading(unit=unit, air=0.0, evidence="without air, as it is below it")
-    begins_in_air = lowest < _MOST_AIR
+    begins_in_air = lowest < _DENSEST_AIR
     if lowest < AIR and begins_in_air:
         air = float(pressures.min())
         return PressureReading(
@@ -72,8 +72,8 @@ def unit_by_size(pressures: np.ndarray) -> str:
     lowest = float(pressures.min())
     is_in_air = {}
     for unit, bar in PRESSURE_UNITS.items():
-        is_in_air[unit] = _LEAST_AIR < lowest * bar < _MOST_AIR
-        if abs(first * bar / AIR - 1.0) < _NEAR:
+        is_in_air[unit] = _THINNEST_AIR < lowest * bar < _DENSEST_AIR
+        if abs(first * bar / AIR - 1.0) < _AIR_ERROR:
             return unit
     possible = [unit for unit, is_possible in is_in_air.items() if is_possible]
     factors = {PRESSURE_UNITS[unit] for unit in possible}

@@ -19,7 +19,7 @@ from uvms_ocp.record import output
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.row_files import META
 
-_OWN_MEMBER = b"__meta__.npy"  # the first array of a record in an archive of NumPy
+_RECORD_MEMBER = b"__meta__.npy"  # the first array of a record in an archive of NumPy
 _RECORDS: Mapping[str, Callable[[Path], Record]] = {
     ".npz": partial(Record.load, only=SERIES_READ),
     ".mcap": Record.from_mcap,
@@ -42,15 +42,15 @@ def read_recording(
     try:
         return _without_mapping(path)
     except InvalidInput:
-        if mapping is None or _is_own_archive(path):
+        if mapping is None or _is_record_archive(path):
             raise
     return mapped_recording(path, mapping)
 
 
-def _is_own_archive(path: Path) -> bool:
+def _is_record_archive(path: Path) -> bool:
     """Recognise a record of ours, also a damaged one, by the first array in it."""
     with path.open("rb") as file:
-        return path.suffix == ".npz" and _OWN_MEMBER in file.read(64)
+        return path.suffix == ".npz" and _RECORD_MEMBER in file.read(64)
 
 
 def _without_mapping(path: Path) -> recordings.Recording:

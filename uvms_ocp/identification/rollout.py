@@ -139,15 +139,15 @@ class _SegmentSimulation:
         self._n_steps = n_steps
         self._p = p
         self._delays = self._each("delays", self._stage.delays, p.T)
-        """Of each segment: delays (2, 1) [s], and their slopes (2, n_p)."""
+        """Delays (2, 1) [s] and their slopes (2, n_p), segment by segment."""
         acting = []
         past = []
         for k, segment in enumerate(segments):
             acting.append(segment.commands.mean(segment.edges - self._command_delay(k)))
             past.append(segment.commands.mean(self._past_edges(k)).T)
         self._begun = self._each("begun", self._stage.begun, np.hstack(past), p.T)
-        """Of each segment: outputs of actuators at its start, and their slopes, as
-        `StageFunctions.begun` has them.
+        """Outputs of actuators at the start and their slopes, as in `StageFunctions.begun`, segment by
+        segment.
         """
         self._step_inputs = (
             np.vstack(acting).T,

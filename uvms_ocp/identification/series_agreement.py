@@ -45,7 +45,7 @@ _UNITS = {
     1e2: ("cm/s", "cm"),
     1.0 / 0.514444: ("kn", ""),
 }
-"""By the factor, the unit that a rate would be in, and the one that a pose would be in."""
+"""Units of a rate and of a pose, by the factor by which they make numbers larger."""
 
 
 def explained(measured: np.ndarray, expected: np.ndarray) -> float:

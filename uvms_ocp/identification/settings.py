@@ -35,9 +35,9 @@ _Delay = Annotated[float, Field(ge=0.0, lt=LONGEST_DELAY)]
 _Corner = tuple[float, float, float]
 _Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
 _NOISE = output_error.Noise()
-"""Its defaults are those of the file."""
+"""Defaults of the section on noise."""
 _SEARCH = fit.Search()
-"""Its defaults are those of the file."""
+"""Defaults of step and stretch."""
 
 
 class _SettingsSection(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):

@@ -57,15 +57,15 @@ def _stopped(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[s
 
 
 def longest_rest(t: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Return from when to when [s] values (n, n_columns) at times t (n,) [s] are the same for
-    longest.
+    """Find the longest time in which values (n, n_columns) at times t (n,) [s] stay the same; returns its
+    begin and end [s].
     """
     changes = (np.diff(values, axis=0) != 0.0).any(axis=1)
-    new = np.flatnonzero(changes) + 1
-    first = np.r_[0, new]
-    last = np.r_[new - 1, len(t) - 1]
-    k = int(np.argmax(t[last] - t[first]))
-    return float(t[first[k]]), float(t[last[k]])
+    starts = np.flatnonzero(changes) + 1
+    first = np.r_[0, starts]
+    last = np.r_[starts - 1, len(t) - 1]
+    longest = int(np.argmax(t[last] - t[first]))
+    return float(t[first[longest]]), float(t[last[longest]])
 
 
 def _unrecorded(recording: Recording) -> Iterator[tuple[str, str]]:

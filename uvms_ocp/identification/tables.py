@@ -132,7 +132,7 @@ class _Arrays:
     columns: dict[str, np.ndarray]
     """(n,) [as in the file] columns by name."""
     sources: dict[str, OrientedArray]
-    """By the name of a column: the array that it is of."""
+    """Array of each column, by the name of the column."""
 
 
 def _from_arrays(path: Path, selection: Sequence[str]) -> TableColumns:

@@ -75,7 +75,7 @@ def read_unusual_cell(cell: str, column: str, row: int, time_format: str) -> flo
     if _GROUPED.fullmatch(cell):
         return float(cell.replace(",", ""))
     if time_format:
-        return _given_time(cell, column, row, time_format)
+        return _formatted_time(cell, column, row, time_format)
     time = _TIME.fullmatch(cell)
     if not time:
         cell_text = f"row {row}, column {column!r}: {cell[:40]!r} is no number"
@@ -87,7 +87,7 @@ def read_unusual_cell(cell: str, column: str, row: int, time_format: str) -> flo
     return _seconds(time)
 
 
-def _given_time(cell: str, column: str, row: int, time_format: str) -> float:
+def _formatted_time(cell: str, column: str, row: int, time_format: str) -> float:
     """Read a time [s] of a given form, in which whole seconds may lack their fraction. Raises
     InvalidInput.
     """

@@ -79,7 +79,7 @@ class TextLayout:
 
     encoding: str
     delimiter: str
-    """Between cells, a key of `TextFormat`."""
+    """Delimiter between cells, one of `TextFormat.delimiter`."""
     decimal: str
     """Sign before decimals."""
     names: tuple[str, ...]
@@ -218,7 +218,7 @@ class _Row:
     """A line of a table, split into cells."""
 
     line: int
-    """Its number in the file, from 1; 0 for a header that the file does not have."""
+    """Number of the line in the file, from 1; 0 for a header that the file does not have."""
     cells: list[str]
 
 
