@@ -89,9 +89,10 @@ class MissionJob(jobs.CampaignJob):
             return self._result(run, scenario, record)
         except Exception as error:  # what was simulated is not lost by what is made of it
             row = jobs.failed_row(self, run, jobs.ERROR, jobs.describe(error))
-            return jobs.RunResult(
-                row=row, attachment=b"" if self.records == "none" else _packed(record)
-            )
+            attachment = b""
+            if self.records != "none":
+                attachment = _packed(record)
+            return jobs.RunResult(row=row, attachment=attachment)
 
     def _result(self, run: int, scenario: Scenario, record: Record) -> jobs.RunResult:
         cause = cause_of_end(record)
@@ -102,9 +103,11 @@ class MissionJob(jobs.CampaignJob):
             "cause": cause["text"],
             "finished": record.run_meta.completed,
         }
-        keep = self.records == "all" or (self.records == "failures" and not success)
+        attachment = b""
+        if self.records == "all" or (self.records == "failures" and not success):
+            attachment = _packed(record)
         row = {**self.head(run), **run_metrics.run_metrics(scenario, record), **ending}
-        return jobs.RunResult(row=row, attachment=_packed(record) if keep else b"")
+        return jobs.RunResult(row=row, attachment=attachment)
 
 
 def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:

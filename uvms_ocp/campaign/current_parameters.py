@@ -80,16 +80,18 @@ def _base(scenario: Scenario) -> Current:
 
 
 def _flowing(scenario: Scenario, velocity: np.ndarray) -> Scenario:
+    """Return the scenario with another velocity (3,) [m/s] of its steady current, below any gusts."""
     base = _base(scenario)
     current = scenario.environment.current
     if isinstance(base, OnsetCurrent):
         base = OnsetCurrent(velocity, start=base.start, rise=base.rise)
     else:
         base = UniformCurrent(velocity)
-    return with_environment(
-        scenario, current=replace(current, base=base) if isinstance(current, GustyCurrent) else base
-    )
+    if isinstance(current, GustyCurrent):
+        return with_environment(scenario, current=replace(current, base=base))
+    return with_environment(scenario, current=base)
 
 
 def with_environment(scenario: Scenario, **changes: Any) -> Scenario:
+    """Return the scenario with changes of its environment."""
     return replace(scenario, environment=replace(scenario.environment, **changes))

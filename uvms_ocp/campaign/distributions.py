@@ -78,9 +78,9 @@ class Uniform(Distribution):
     """
 
     lower: Finite
-    """[unit of the parameter]"""
+    """[unit of the parameter] lower bound."""
     upper: Finite
-    """[unit of the parameter]"""
+    """[unit of the parameter] upper bound."""
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
@@ -101,7 +101,7 @@ class Normal(Distribution):
     """
 
     mean: Finite
-    """[unit of the parameter]"""
+    """[unit of the parameter] mean."""
     sigma: Positive
     """[unit of the parameter] standard deviation."""
 
@@ -115,7 +115,7 @@ class LogNormal(Distribution):
     """A factor that is as likely to be twice as large as half as large: the logarithm is normal."""
 
     median: Positive = 1.0
-    """[unit of the parameter]"""
+    """[unit of the parameter] median."""
     sigma: Positive = 0.2
     """Standard deviation of the natural logarithm; while small, a relative error."""
 
@@ -131,11 +131,11 @@ class Triangular(Distribution):
     """
 
     lower: Finite
-    """[unit of the parameter]"""
+    """[unit of the parameter] lower bound."""
     mode: Finite
-    """[unit of the parameter]"""
+    """[unit of the parameter] most likely value."""
     upper: Finite
-    """[unit of the parameter]"""
+    """[unit of the parameter] upper bound."""
 
     def __post_init__(self) -> None:
         if not (self.lower <= self.mode <= self.upper and self.lower < self.upper):
@@ -156,7 +156,7 @@ class Choice(Distribution):
     """One of several numbers, each as likely. Raises `InvalidInput` for none."""
 
     values: Sequence[Finite]
-    """[unit of the parameter]"""
+    """[unit of the parameter] values to choose from."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", tuple(map(float, self.values)))

@@ -88,7 +88,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         "tool_orientation_error_rad": meta.true_quantity(f"{task}.orientation_error"),
         **{name: spent.get(name) for name in _FROM_RESOURCES},
         "clearance_m": _clearance(scenario, record, None),
-        "min_altimeter_m": metrics.least_altimeter_range(record),
+        "min_altimeter_m": metrics.smallest_altimeter_range(record),
         "tilt_rad": largest_tilt,
         "alarms": float(len(meta.alarms)),
         "failed_ticks": n_failed,

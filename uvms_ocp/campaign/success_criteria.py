@@ -20,10 +20,11 @@ class MetricBound:
     """A figure of merit that must stay on one side of a number."""
 
     merit: str
+    """Name of the figure of merit."""
     sign: str
-    """< or >."""
+    """``<`` for a figure that must stay below the limit, ``>`` for one above."""
     limit: float
-    """[unit of the merit]"""
+    """[unit of the merit] number that it must not pass."""
 
     def kept(self, table: Any) -> np.ndarray:
         """Tell (n,) whether each run of a table keeps it; one without the figure does not."""

@@ -38,7 +38,7 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """(lower, upper) that holds the true share in 95 % of all campaigns."""
+        """(lower, upper) [-] interval that holds the true share in 95 % of all campaigns."""
         from scipy.stats import binomtest
 
         kind: Any = "exact" if self.method == "Clopper-Pearson" else "wilson"

@@ -1,4 +1,4 @@
-"""An end for runs that find none."""
+"""End runs whose time is over."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 GRACE = 3.0
-"""[s] that Python has to leave a run whose time is over; what is deeper, in a call that does not
-come back, is ended.
+"""[s] in which Python must leave a run whose time is over; a run in a call that does not come back is
+ended.
 """
-
-
 _WAITS = 50  # [ms] in which an interrupt that is on its way arrives
 
 

@@ -22,12 +22,12 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular_file
 
 _MAX_ARRAYS = 256
-"""Arrays of a file."""
+"""Largest number of arrays of a file."""
 _LARGE = 1 << 20
-"""[B] of an array that is mapped where it was not packed, and of what is read at a time."""
+"""[B] size from which on an array that is not packed is mapped, and size of a part that is read at once."""
 _NAME_LENGTH_OFFSET = 26
-"""[B] from the beginning of a member's header to the length of its name, 2 B, and after that the
-length of its extra field, 2 B (APPNOTE of PKZIP, 4.3.7).
+"""[B] place in a member's header at which the length of its name stands, 2 B, and after it the length of
+its extra field, 2 B (APPNOTE of PKZIP, 4.3.7).
 """
 _SUFFIX = ".npy"
 """Suffix of an array in an archive."""
@@ -49,7 +49,7 @@ _HEADER_ERRORS = (
     Warning,
 )
 _ZIPFILE_ERRORS = (KeyError, AttributeError, IndexError, NotImplementedError, RuntimeError)
-"""What `zipfile` raises for invented bytes."""
+"""Errors that `zipfile` raises for invented bytes."""
 _DAMAGE = (*_ARCHIVE_ERRORS, *_HEADER_ERRORS, *_ZIPFILE_ERRORS)
 
 

@@ -22,7 +22,7 @@ STORE = ".uvms_ocp"
 Model = TypeVar("Model", bound=BaseModel)
 
 _ADVICE = "move it away or choose another folder"
-"""What to do about something in the way."""
+"""Advice where a folder is in the way."""
 
 
 def _inner(name: str) -> str:

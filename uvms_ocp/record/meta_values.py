@@ -17,10 +17,10 @@ _MESH = "mesh"
 N_SIZES: Mapping[str, int] = MappingProxyType(
     {"sphere": 1, "capsule": 2, "cylinder": 2, "cone": 2, "box": 3, "ellipsoid": 3, _MESH: 0}
 )
-"""How many sizes a shape has."""
+"""Number of sizes of each shape."""
 FARTHEST = 1e5
-"""[m] from the origin, and of a size: farther away single precision, which meshes are kept in,
-loses centimetres.
+"""[m] largest distance from the origin, and largest size: beyond it single precision, which meshes are
+kept in, loses centimetres.
 """
 _Metres = Annotated[FiniteFloat, Field(ge=-FARTHEST, le=FARTHEST)]
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -29,8 +29,9 @@ Point = tuple[_Metres, _Metres, _Metres]
 PLANTS = ("dynamic", "kinematic")
 """Plants of the toolkit, by name."""
 DONE = "done"
+"""End of a mission that succeeded."""
 ABORT = "abort"
-"""Ends of a mission: as wanted, or given up."""
+"""End of a mission that was given up."""
 OWN_QUANTITIES = (
     "mission.time",
     "phase.time",
@@ -52,7 +53,7 @@ are kept in, holds it.
 """
 Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
 UNIT_NORM_TOLERANCE = 1e-3
-"""By how much the norm of a stored unit quaternion may differ from 1."""
+"""Largest error of the norm of a stored unit quaternion."""
 
 
 @one_line_errors

@@ -45,15 +45,15 @@ class Recorder:
         if folder is not None and folder.exists():
             raise OutputError(f"{folder} is there already; give a folder that is not there yet")
         self._n = 0
-        """Rows that were added."""
+        """Number of rows that were added."""
         self._kept = 0
-        """Rows of these that have left the block."""
+        """Number of added rows that have left the block."""
         self._written = 0
-        """Rows of these that stay, in memory or in files."""
+        """Number of added rows that stay, in memory or in files."""
         self._block: dict[str, np.ndarray] = {}
-        """(capacity, ...) of every series."""
+        """(capacity, ...) [as the series] rows of every series that are not yet kept."""
         self._pick: Callable[[Mapping[str, Any]], tuple[Any, ...]] = lambda row: ()
-        """Gives the values of a row in the order of the block."""
+        """Function that returns the values of a row in the order of the block."""
         self._memory: dict[str, tuple[np.ndarray, BytesIO]] = {}
         """An empty array of the kind of each series, and the bytes of its rows."""
 

@@ -23,14 +23,14 @@ from uvms_ocp.record.display import SmallTable, TableDisplay, format_value
 from uvms_ocp.version import __version__
 
 MIN_TICK = 1e-9
-"""[s] between two rows: what times are told apart by."""
+"""[s] shortest time between two rows."""
 VERSION: Final = "0.2"
 """Version of the format; 0.1 had neither a version nor a kind, and is still read."""
 
 VEHICLE_V = 6
-"""Velocities of a vehicle."""
+"""Number of velocities of a vehicle."""
 VEHICLE_Q = 7
-"""Its entries in q: position and quaternion."""
+"""Number of a vehicle's entries in q: position and quaternion."""
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 """Packages that the numbers of a record depend on."""
 

@@ -143,10 +143,10 @@ class SwingWatch:
         self._q = deque[np.ndarray](maxlen=n_values)
         self._errors = deque[np.ndarray](maxlen=n_values)
         self._count = 0
-        """Ticks so far."""
+        """Number of ticks so far."""
         self._phase = -1
         self._reported: set[str] = set()
-        """What was seen to swing in the phase."""
+        """Names of quantities that were reported to swing in this phase."""
 
     @property
     def due(self) -> int:

@@ -19,9 +19,9 @@ VERSION = "1"
 """Version of the format of Parquet files."""
 _KEY = b"uvms_ocp"
 CAMPAIGN_EXTRA = '"uvms-ocp[campaign]"'
-"""Which brings pandas and pyarrow."""
+"""Extra of the package that installs pandas and pyarrow."""
 _NUMBERS = ("is_integer", "is_floating", "is_boolean", "is_timestamp")
-"""Tests of `pyarrow.types`, one of which the type of a column of numbers passes."""
+"""Tests of `pyarrow.types`; the type of a column of numbers passes one of them."""
 
 
 def to_dataframe(series: Series, meta: Any) -> Any:

@@ -97,12 +97,12 @@ def _series() -> dict[str, SeriesKind]:
 
 
 SERIES: Mapping[str, SeriesKind] = _series()
-"""By name. Controllers of one's own may record others."""
+"""Series of the toolkit by name; a user's controller may record more."""
 
 
 QUANTITIES: Mapping[str, str] = MappingProxyType(dict(_rows("quantities.csv")))
-"""Units of what our tasks measure, by the name after the task's. Tasks of one's own may measure
-more.
+"""Units of the quantities that tasks of the toolkit measure, by the name after the task's; a user's
+tasks may measure more.
 """
 
 

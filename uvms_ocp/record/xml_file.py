@@ -14,9 +14,9 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.untrusted import decoded, read_bytes
 
 LARGEST_XML = 16 << 20
-"""[B] of a file; robots of 50 links have 0.2 MB."""
+"""[B] largest file; robots of 50 links have 0.2 MB."""
 MOST_ELEMENTS = 50_000
-"""Robots of 50 links have 3,000."""
+"""Largest number of elements of a file; robots of 50 links have 3,000."""
 DEEPEST_XML = 32
 """A URDF has 5 levels, what simulators add to it 8."""
 

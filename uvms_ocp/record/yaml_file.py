@@ -20,13 +20,13 @@ from uvms_ocp.model_errors import one_line
 from uvms_ocp.record.untrusted import read_text
 
 LARGEST_YAML = 16 << 20
-"""[B] of a file."""
+"""[B] largest file."""
 MOST_VALUES = 500_000
-"""In a file, keys included, each counted as often as anchors repeat it; a mesh of 60,000
-triangles.
+"""Largest number of values of a file, keys included, each counted as often as anchors repeat it: a
+mesh of 60,000 triangles.
 """
 DEEPEST_YAML = 32
-"""Levels of a file."""
+"""Largest number of nested levels of a file."""
 _LONGEST_NUMBER = 100  # characters
 _INTEGER = "tag:yaml.org,2002:int"
 # The constructors of PyYAML raise the last three for a date such as 2001-99-99.
@@ -53,7 +53,7 @@ class BoundedLoader(yaml.SafeLoader):
         self._depth = 0
         self._n_values = 0
         self._sizes: dict[int, int] = {}
-        """How many values a node with an anchor stands for, by the id of the node."""
+        """Number of values that a node with an anchor stands for, by the id of the node."""
 
     def compose_node(self, parent: Node | None, index: Any) -> Node | None:
         """Compose one value with all that is in it. Raises `ComposerError` beyond the bounds."""

@@ -71,26 +71,29 @@ def _named_records(
         is_column = name.partition(" ")[0] in ("figure", "change")
         if is_column:
             raise InvalidInput(f"a run is called {name!r}, as a column is; give another name")
-        records[name] = motion if isinstance(motion, Record) else motion.to_record()
+        if isinstance(motion, Record):
+            records[name] = motion
+        else:
+            records[name] = motion.to_record()
     (reference_name, reference), *others = records.items()
-    for other_name, record in others:
+    for name, record in others:
         if record.meta.kind != reference.meta.kind:
             raise InvalidInput(
-                f"{reference_name} is a {reference.meta.kind}, {other_name} a {record.meta.kind};"
+                f"{reference_name} is a {reference.meta.kind}, {name} a {record.meta.kind};"
                 " give runs alone or plans alone"
             )
     return records
 
 
 def _figures(record: Record) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of what runs, or plans, are compared by."""
+    """Yield names and values of the figures by which runs, or plans, are compared."""
     if record.meta.kind == "run":
         return _run_figures(record)
     return _plan_figures(record)
 
 
 def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of what two runs are compared by."""
+    """Yield names and values of the figures by which runs are compared."""
     meta = record.run_meta
     tool_error = f"{meta.tool_task}.position_error"
     resources = phase_resources.resources(record)
@@ -109,7 +112,7 @@ def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
 
 
 def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of what two plans are compared by."""
+    """Yield names and values of the figures by which plans are compared."""
     yield "plan", record.meta.scenario
     yield "duration_s", float(record["t"][-1] - record["t"][0])
     axes = [i for i, name in enumerate(record.plan_meta.axes) if name in ("x", "y", "z")]
@@ -124,7 +127,10 @@ def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
         yield "energy_j", thruster_energy + joint_energy
     yield "peak_thrust_n", phase_resources.largest_thrust(record)
     nearest = record.plan_meta.min_clearance
-    yield "min_clearance_m", None if nearest is None else nearest.distance
+    if nearest is None:
+        yield "min_clearance_m", None
+    else:
+        yield "min_clearance_m", nearest.distance
 
 
 def _total(record: Record, name: str) -> float | None:

@@ -289,6 +289,9 @@ def _goal_rows(meta: RunMeta, event: EventMeta) -> list[dict[str, Any]]:
         if condition.sign == ">" and not _leads_forward(meta, event):
             continue
         true_value = metrics.none_if_nan(event.truth.get(condition.quantity))
+        is_met = None
+        if true_value is not None:
+            is_met = _is_true_of(condition, true_value)
         rows.append(
             {
                 "phase": event.source,
@@ -299,7 +302,7 @@ def _goal_rows(meta: RunMeta, event: EventMeta) -> list[dict[str, Any]]:
                 "estimated": metrics.none_if_nan(condition.estimated),
                 "true": true_value,
                 "sensors_allow": meta.allowance.get(condition.quantity),
-                "met": None if true_value is None else _is_true_of(condition, true_value),
+                "met": is_met,
             }
         )
     return rows
@@ -313,7 +316,9 @@ def _leads_forward(meta: RunMeta, event: EventMeta) -> bool:
 
 def _is_true_of(condition: MetConditionMeta, value: float) -> bool:
     """Judge a value by the limit of a condition, or by its release, which counts once it holds."""
-    limit = condition.limit if condition.release is None else condition.release
+    limit = condition.limit
+    if condition.release is not None:
+        limit = condition.release
     if condition.sign == "<":
         return value < limit
     return value > limit

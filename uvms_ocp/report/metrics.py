@@ -69,7 +69,7 @@ def extremes_of(record: Record, name: str) -> tuple[str, ...]:
     return (name,)
 
 
-def least_altimeter_range(record: Record) -> float | None:
+def smallest_altimeter_range(record: Record) -> float | None:
     """Return the smallest range [m] of the altimeter in any tick; `None` without an echo."""
     ranges = record[extremes_of(record, "altimeter_range")[0]]
     echoes = ranges[np.isfinite(ranges)]
@@ -146,7 +146,9 @@ def swings(record: Record) -> list[Swing]:
         series = quantity(record, threshold.quantity)
         if series is not None:
             errors[threshold.quantity] = (series[start:], threshold.limit)
-    tilts = tilts_of(record["q"][window_start:]) if meta.floating else {}
+    tilts = {}
+    if meta.floating:
+        tilts = tilts_of(record["q"][window_start:])
     return list(swings_among(errors, tilts, meta.dt))
 
 
@@ -213,6 +215,7 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
 def _vehicle_error_rows(
     q: np.ndarray, q_estimated: np.ndarray, std: np.ndarray
 ) -> list[dict[str, Any]]:
+    """Return the rows of position and attitude of `estimate_table`."""
     position_errors = (q_estimated - q)[:, :3]
     # The distance of two quaternions is half the angle between them; their signs do not matter.
     quaternions = q[:, 3:7]
@@ -227,13 +230,17 @@ def _vehicle_error_rows(
 
 
 def _error_row(name: str, errors: np.ndarray, stds: np.ndarray) -> dict[str, Any]:
+    """Return a row of `estimate_table` for errors and standard deviations (n, k) of some axes."""
     rms_error = float(np.sqrt(np.mean(errors**2)))
     rms_std = float(np.sqrt(np.mean(stds**2)))
+    ratio = None
+    if rms_std:
+        ratio = (rms_error / rms_std) ** 2
     return {
         "of": name,
         "rms": rms_error,
         "spread": rms_std,
-        "ratio": (rms_error / rms_std) ** 2 if rms_std else None,
+        "ratio": ratio,
     }
 
 

@@ -1,4 +1,4 @@
-"""What each phase of a run takes: time, energy, thrust and room to the limits."""
+"""Resources that each phase of a run takes: time, energy, thrust, and distances to the limits."""
 
 from __future__ import annotations
 
@@ -61,7 +61,9 @@ def _repeated(name: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     row: dict[str, Any] = {"phase": name, "visits": len(rows)}
     for figure in ("duration_s", "energy_j", "path_length_m"):
         values = [row[figure] for row in rows if row[figure] is not None]
-        mean = float(np.mean(values)) if values else None
+        mean = None
+        if values:
+            mean = float(np.mean(values))
         row[f"mean_{figure}"] = mean
         row[f"largest_{figure}"] = max(values, default=None)
     return row
@@ -86,8 +88,11 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
         span_rows = slice(None, -1)
     else:
         span_rows = slice(1, None)
-    length = path_length(record["q"][rows, :3]) if meta.floating else 0.0
-    joint_columns = slice(VEHICLE_V if meta.floating else 0, None)
+    length = 0.0
+    joint_columns = slice(None)
+    if meta.floating:
+        length = path_length(record["q"][rows, :3])
+        joint_columns = slice(VEHICLE_V, None)
     joint_paths = spans @ metrics.mean_sizes(record, "v", (rows, joint_columns))[span_rows]
     thruster_energy = _gain(record, "thruster_energy", rows)
     joint_energy = _gain(record, "joint_energy", rows)

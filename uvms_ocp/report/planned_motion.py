@@ -80,7 +80,9 @@ class PlannedMotion:
         """
         robot = self.request.robot
         goal = self.request.goal
-        frame = goal.frame if isinstance(goal, ToolGoal) else _TOOL
+        frame = _TOOL
+        if isinstance(goal, ToolGoal):
+            frame = goal.frame
         if robot.has_frame(frame):
             return kinematics.Kinematics(robot, self.q[-1]).pose(frame)
         return None
@@ -149,8 +151,11 @@ def nearest_entries(
     clearances = {}
     for name, pairs in motion.scene.groups().items():
         clearances[name] = float(motion.distances[:, pairs].min())
+    min_clearance = None
+    if np.isfinite(nearest.distance):
+        min_clearance = nearest.distance
     return {
-        "min_clearance_m": nearest.distance if np.isfinite(nearest.distance) else None,
+        "min_clearance_m": min_clearance,
         "min_clearance_at_s": nearest.time,
         "min_clearance_between": nearest.pair,
         "clearances_m": clearances,
@@ -208,11 +213,16 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
     request = result.request
     scene = result.scene
     plan = result.plan
+    status = _UNREACHED
+    advice = _UNREACHED_ADVICE
+    if plan is not None:
+        status = plan.status.value
+        advice = plan.status.advice
     report = {
         **_request_entries(request),
         "collision_free": result.collision_free,
-        "status": _UNREACHED if plan is None else plan.status.value,
-        "advice": _UNREACHED_ADVICE if plan is None else plan.status.advice,
+        "status": status,
+        "advice": advice,
         "axes": list(scene.coordinates.names),
         "n_pairs": scene.n_pairs,
         "seed": request.seed,
@@ -306,8 +316,14 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
     summary = plan.summary()
     usable = plan.status.usable
     is_free = usable and result.collision_free
+    energy = None
+    peak_thrust = None
+    nearest = None
     tool_error = None
     if usable:
+        energy = summary["energy"]
+        peak_thrust = summary["peak_thrust"]
+        nearest = result.nearest
         tool_error = _ocp_motion(result).tool_error()
     if usable and not is_free:
         advice = _TOUCHING
@@ -322,10 +338,10 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
         "collision_free": is_free,
         "duration_s": summary["duration"],
         "n_steps": request.n_steps,
-        "energy_j": summary["energy"] if usable else None,
-        "peak_thrust_n": summary["peak_thrust"] if usable else None,
+        "energy_j": energy,
+        "peak_thrust_n": peak_thrust,
         "levels": summary["levels"],
-        **nearest_entries(result.nearest if usable else None, result),
+        **nearest_entries(nearest, result),
         "tool_error": tool_error,
         "current_m_s": list(request.current),
         "solver": plan.plugin or request.plugin,

@@ -118,7 +118,7 @@ def _figures(record: Record) -> dict[str, Any]:
         "estimate": metrics.estimate_table(record),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
         "largest_tilt_rad": metrics.largest_tilt(record),
-        "min_altimeter_m": metrics.least_altimeter_range(record),
+        "min_altimeter_m": metrics.smallest_altimeter_range(record),
         "max_velocity_step": metrics.max_velocity_step(record),
         "failed_ticks": metrics.failed_ticks(record),
         "tick_us": _percentiles_us(record, "tick_time"),
