@@ -14,13 +14,14 @@ from motions import DOWN, changed, recorded
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.channel_mapping import RecordingMapping, read_mapping
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.mapped_recordings import even_send_times, mapped_recording
+from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.resampling import (
     ZeroOrderHold,
     angular_rate,
     rotations,
 )
+from uvms_ocp.identification.sample_times import even_send_times
 from uvms_ocp.identification.tables import (
     read_columns,
     stored_recording,
