@@ -30,7 +30,7 @@ def prediction_lines(
     """Yield lines of Markdown: the verdict, the channels that a vehicle at rest predicts better,
     and the bounds.
 
-    Nothing where no recordings were predicted. bounds: as the predictions were made with.
+    None where no recordings were predicted. bounds: vehicles whose predictions stand in `recordings`.
     """
     if not recordings:
         return
@@ -43,7 +43,7 @@ def prediction_lines(
 
 
 def still_lines(worse: Sequence[WorseThanStill]) -> Iterator[str]:
-    """Yield a sentence for each channel that is predicted worse than it stands still, as a list."""
+    """Yield a list of the channels that are predicted worse than by a vehicle that stands still."""
     if not worse:
         yield report_prose.NONE_WORSE.format(share=100.0 * EQUAL_WITHIN)
     for shortfall in worse:
@@ -103,6 +103,7 @@ def shortfall_data(shortfall: WorseThanStill) -> dict[str, Any]:
 
 
 def _shares_data(shares: FitShares) -> dict[str, Any]:
+    """Return the fits of a channel for JSON."""
     return {
         "sentence": str(shares),
         "channel": shares.channel,
@@ -116,6 +117,7 @@ def _shares_data(shares: FitShares) -> dict[str, Any]:
 
 
 def _recording_data(recording: HeldOutRecording) -> dict[str, Any]:
+    """Return the fits of a recording for JSON: as predicted, and by both bounds."""
     fits = {}
     for channel, column in zip(FITTED_CHANNELS, fits_beside_bounds(recording).T, strict=True):
         fits[channel] = [_number(value) for value in column]
@@ -123,6 +125,7 @@ def _recording_data(recording: HeldOutRecording) -> dict[str, Any]:
 
 
 def _number(value: float) -> float | None:
+    """Return a value, or `None` where it is not finite."""
     if np.isfinite(value):
         return float(value)
     return None
@@ -133,13 +136,15 @@ def _bound_lines(
     bounds: PredictionBounds,
     judgement: PredictionJudgement,
 ) -> Iterator[str]:
+    """Yield the table of fits beside those of the bounds, and where the rest is missed."""
     yield report_prose.BOUNDS.format(seconds=bounds.seconds, nearly=NEARLY_ALL, different=DIFFERENT)
     yield f"\n| recording | {' | '.join(FITTED_CHANNELS)} | tilt [deg] |"
     yield "|---" + "|---:" * (len(FITTED_CHANNELS) + 1) + "|"
     for recording in recordings:
         if recording.horizons:
             cells = [_fit_cell(column) for column in fits_beside_bounds(recording).T]
-            yield f"| {recording.name} | {' | '.join(cells)} | {_beside(_tilts(recording), '.2g')} |"
+            tilts = _with_bounds(_tilts(recording), ".2g")
+            yield f"| {recording.name} | {' | '.join(cells)} | {tilts} |"
     yield _median_row(judgement.shares)
     yield _share_row(judgement.shares)
     yield ""
@@ -165,32 +170,40 @@ def _tilts(recording: HeldOutRecording) -> list[float]:
 
 
 def _median_row(shares: Sequence[FitShares]) -> str:
+    """Write the row of medians over the recordings."""
     by_channel = {entry.channel: entry for entry in shares}
     cells = []
     for channel in FITTED_CHANNELS:
         if channel in by_channel:
             of_channel = by_channel[channel]
-            cells.append(_beside((of_channel.predicted, of_channel.together, of_channel.alone)))
+            cells.append(
+                _with_bounds((of_channel.predicted, of_channel.together, of_channel.alone))
+            )
         else:
             cells.append("-")
     return f"| median | {' | '.join(cells)} | |"
 
 
 def _share_row(shares: Sequence[FitShares]) -> str:
+    """Write the row of shares of what one vehicle could explain."""
     by_channel = {entry.channel: entry.share for entry in shares if np.isfinite(entry.share)}
     cells = []
     for channel in FITTED_CHANNELS:
-        cells.append(f"{by_channel[channel]:.0f} %" if channel in by_channel else "-")
+        if channel in by_channel:
+            cells.append(f"{by_channel[channel]:.0f} %")
+        else:
+            cells.append("-")
     return f"| of what one vehicle could explain | {' | '.join(cells)} | |"
 
 
 def _fit_cell(column: np.ndarray) -> str:
+    """Write the fits (3,) of one channel; - where it does not move."""
     if np.isfinite(column).all():
-        return _beside(column)
+        return _with_bounds(column)
     return "-"
 
 
-def _beside(values: Sequence[float] | np.ndarray, form: str = ".0f") -> str:
+def _with_bounds(values: Sequence[float] | np.ndarray, form: str = ".0f") -> str:
     """Write a prediction's value, and in brackets those of one vehicle that has seen it and of a
     vehicle of its own.
     """

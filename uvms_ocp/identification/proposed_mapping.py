@@ -1,10 +1,9 @@
-"""Propose a mapping for a file that nobody has described: by names, then by what its values say
-against a first reading.
+"""Propose a mapping for an unknown file: by the names of its columns and fields, then by the doubts that a
+first reading of it raises.
 
-What columns and fields are called, and what cures a doubt, stands in ``proposed_mapping.toml``. A
-cure is proposed only where the recording, read with it, raises fewer doubts than without. Columns
-without names are guessed by their values; the names that they are given are such as files with a
-header have, and known by the forms.
+Forms of names, and cures of doubts, stand in ``proposed_mapping.toml``. A cure is proposed only where
+the recording, read with it, raises fewer doubts than without. Columns without names get names by
+their values, which the forms then know.
 """
 
 from __future__ import annotations
@@ -33,15 +32,15 @@ _TABLE = tomllib.loads(
     (files("uvms_ocp.identification") / "proposed_mapping.toml").read_text(encoding="utf-8")
 )
 _SUFFIX = re.compile(_TABLE["unit"])
-_NOTHING = re.compile("$.")
+_NO_MATCH = re.compile("$.")  # matches nothing
 _JOINT_STATE = {"name", "position", "velocity", "effort"}
-"""Fields of a message about joints, as in ROS: names beside arrays."""
+"""Fields of a message about joints in ROS: names, and arrays in their order."""
 _OF_TWO_SENSORS = ("position",)
-"""Channels some of whose columns may have no unit beside others: a depth is of another sensor than x
-and y.
+"""Channels of which some columns may have a unit and others none: a depth is of another sensor than x and
+y.
 """
 _COPIED_KEYS = ("format", "frame", "world", "body", "offset", "scale")
-"""Keys of a mapping that a form may say."""
+"""Keys of a mapping that a form may hold."""
 
 
 def propose_mapping(path: Path) -> str:
@@ -74,17 +73,17 @@ def propose_mapping(path: Path) -> str:
                 by_values.append(guesses[column].evidence)
         is_constant = 0.0 in channel["columns"]
         is_assumed = not is_constant and not _tells_axes(name, channel, channels)
-        notes = {
-            "by values": by_values,
-            "by names": [result.ranges[name]] if name in result.ranges else [],
-            "assumed": [_TABLE["assumed"]] if is_assumed else [],
-            "not measured": [_TABLE["constant"]] if is_constant else [],
-            "cured": cured[name],
-            "doubtful": [doubt.problem for doubt in result.doubts if doubt.channel == name],
-        }
-        for kind, texts in notes.items():
-            for text in dict.fromkeys(texts):
-                lines.append(f"    # {kind}: {text}")
+        notes = [("by values", text) for text in by_values]
+        if name in result.ranges:
+            notes.append(("by names", result.ranges[name]))
+        if is_assumed:
+            notes.append(("assumed", _TABLE["assumed"]))
+        if is_constant:
+            notes.append(("not measured", _TABLE["constant"]))
+        notes += [("cured", text) for text in cured[name]]
+        notes += [("doubtful", doubt.problem) for doubt in result.doubts if doubt.channel == name]
+        for kind, text in dict.fromkeys(notes):
+            lines.append(f"    # {kind}: {text}")
     return "\n".join(lines) + "\n"
 
 
@@ -133,11 +132,16 @@ def _named_channels(
             continue
         labels = {}
         for name, label in labels_in_file.items():
-            labels[name] = guesses[name].name if name in guesses else _label(topic, label)
+            if name in guesses:
+                labels[name] = guesses[name].name
+            else:
+                labels[name] = _label(topic, label)
         free_labels = _free_labels(form, labels, _used_names(channels, topic))
-        columns = _matched(form, free_labels, _NOTHING) or _matched(form, free_labels, _SUFFIX)
+        columns = _matched(form, free_labels, _NO_MATCH) or _matched(form, free_labels, _SUFFIX)
         if columns:
-            channel: dict[str, Any] = {"topic": topic} if topic else {}
+            channel: dict[str, Any] = {}
+            if topic:
+                channel["topic"] = topic
             channel |= _time(labels, of_messages=bool(topic))
             channel["columns"] = columns
             channel |= _keys_of(form, labels, columns)
@@ -173,19 +177,17 @@ def _free_labels(
 def _keys_of(
     form: Mapping[str, Any], names: Collection[str], columns: Sequence[str | float]
 ) -> dict[str, Any]:
-    """Return what a form, and units in the names of columns, say of a channel."""
+    """Return the keys of a channel that follow from its form, and from units in the names of its columns."""
     keys = {key: form[key] for key in _COPIED_KEYS if key in form}
     units = [_unit_of(name) if isinstance(name, str) else "" for name in columns]
     measured_units = {unit for name, unit in zip(columns, units, strict=True) if name != 0.0}
     known_units = measured_units - {""}
     factors = channel_mapping.units_of(form["channel"], form.get("format"))
+    are_of_channel = bool(known_units) and known_units <= factors.keys()
+    are_complete = known_units == measured_units or form["channel"] in _OF_TWO_SENSORS
     if len(measured_units) == 1 and measured_units <= factors.keys():
         keys["unit"] = measured_units.pop()
-    elif (
-        known_units
-        and known_units <= factors.keys()
-        and (form["channel"] in _OF_TWO_SENSORS or known_units == measured_units)
-    ):
+    elif are_of_channel and are_complete:
         keys["scale"] = [factors.get(unit, 1.0) for unit in units]
     rows = {name: value for name, value in form.get("rows", {}).items() if name in names}
     if rows:
@@ -199,8 +201,8 @@ def _names_of(channel: Mapping[str, Any]) -> list[str]:
 
 
 def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield topics that a form may be of, with the fields of their second message, and what these
-    are called: a topic that is sent once is no measurement.
+    """Yield topics that a form may be of, with the paths and labels of the fields of their second message:
+    a topic that is sent once is no measurement.
     """
     for topic in topics_of(path):
         if not any(re.fullmatch(form.get("topic", ".*"), topic) for form in forms):
@@ -215,8 +217,8 @@ def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[st
 
 
 def _leaves(path: str, label: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Yield paths of all numbers in a message, and what they are called: an element by its place,
-    and its path by the name that it has, if any.
+    """Yield paths and labels of all numbers in a message; an element of an array has its place in the
+    label, and in the path its name, if it has one.
     """
     if isinstance(value, dict):
         parts = value
@@ -224,7 +226,9 @@ def _leaves(path: str, label: str, value: Any) -> Iterator[tuple[str, str]]:
         parts = getattr(value, "__dict__", {})
     is_of_joints = parts.keys() >= _JOINT_STATE
     for name, part in parts.items():
-        quantity = f"joint_{name}" if is_of_joints and name in _JOINT_STATE else name
+        quantity = name
+        if is_of_joints and name in _JOINT_STATE:
+            quantity = f"joint_{name}"
         part_path = f"{path}.{name}".strip(".")
         part_label = f"{label}.{quantity}".strip(".")
         element_names = [steps[-1] for steps in paths_by_name(parts, (name,))]
@@ -253,7 +257,7 @@ def _plain(name: str) -> str:
 
 
 def _unit_of(name: str) -> str:
-    """Unit at the end of a name, such as of ``vel_x_mm_s``."""
+    """Return the unit at the end of a name, such as mm/s of ``vel_x_mm_s``; empty for none."""
     match = _SUFFIX.search(_plain(name.removeprefix("-")))
     if match:
         return unit_named(match["unit"].replace("_", "/"))
