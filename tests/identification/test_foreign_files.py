@@ -554,7 +554,7 @@ def test_lines_of_json_are_read_as_often_for_many_channels_as_for_one(
     )
     read: list[str] = []
     monkeypatch.setattr(
-        "uvms_ocp.identification.messages._loads",
+        "uvms_ocp.identification.json_logs.load_json",
         lambda line: read.append(line) or json.loads(line),
     )
     channels: dict[str, object] = {"position": POSITION}

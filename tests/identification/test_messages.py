@@ -19,9 +19,11 @@ from px4 import write_ulog
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
 from uvms_ocp.identification.channel_mapping import RecordingMapping, read_mapping
+from uvms_ocp.identification.logged_message import Message
 from uvms_ocp.identification.mapped_recordings import mapped_recording
+from uvms_ocp.identification.message_columns import TopicColumns, _Rows
 from uvms_ocp.identification.message_fields import numbers_at, seconds_at, steps_of
-from uvms_ocp.identification.messages import Message, TopicColumns, _Rows, topics_of
+from uvms_ocp.identification.messages import topics_of
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.record import mcap_messages as mcap_records
 

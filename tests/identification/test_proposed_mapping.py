@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification import messages
+from uvms_ocp.identification import message_columns
 from uvms_ocp.identification.channel_mapping import read_mapping
 from uvms_ocp.identification.messages import messages as reader
 from uvms_ocp.identification.proposed_mapping import propose_mapping
@@ -669,7 +669,7 @@ def test_messages_are_read_once_for_all_cures_that_leave_them_as_they_are_and_an
     path = tmp_path / "dvl.json"
     read = []
     monkeypatch.setattr(
-        messages, "messages", lambda *given: read.append(given[1]) or reader(*given)
+        message_columns, "messages", lambda *given: read.append(given[1]) or reader(*given)
     )
     rows = [
         {"type": "v", "time": 0.1 * k, "vx": 300.0 * np.sin(0.1 * k), "vy": 9e3, "vz": 5.0 * k}

@@ -29,7 +29,8 @@ from uvms_ocp.identification.mapping_doubts import (
     pressure_remarks,
     time_doubts,
 )
-from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
+from uvms_ocp.identification.message_columns import TopicColumns, message_rows
+from uvms_ocp.identification.messages import topics_of
 from uvms_ocp.identification.pressure_units import PRESSURE_UNITS
 from uvms_ocp.identification.resampling import rotations
 from uvms_ocp.identification.sample_times import (

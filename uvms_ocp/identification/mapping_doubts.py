@@ -10,10 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from uvms_ocp.identification import recording as recordings, tables
-from uvms_ocp.identification.channel_mapping import (
-    ChannelMapping,
-    RecordingMapping,
-)
+from uvms_ocp.identification.channel_mapping import ChannelMapping, RecordingMapping
 from uvms_ocp.identification.pressure_units import (
     PRESSURE,
     PRESSURE_UNITS,

@@ -21,10 +21,7 @@ from uvms_ocp.identification.identified_numbers import (
     number_of,
 )
 from uvms_ocp.identification.normal_equations import NormalEquations
-from uvms_ocp.identification.output_error import (
-    ProfilePenalty,
-    SearchPoint,
-)
+from uvms_ocp.identification.output_error import ProfilePenalty, SearchPoint
 
 _FARTHEST = 4  # [standard errors] beyond which an interval is called open
 _SOFTNESS = 0.05  # [standard errors] deviation of the penalty that holds a number

@@ -21,10 +21,7 @@ from uvms_ocp.identification.prediction_errors import (
 )
 from uvms_ocp.identification.predictor import Predicted, Predictor
 from uvms_ocp.identification.segments import PreparedRecording
-from uvms_ocp.identification.static_baselines import (
-    StaticBalance,
-    static_baseline,
-)
+from uvms_ocp.identification.static_baselines import StaticBalance, static_baseline
 from uvms_ocp.identification.still_comparison import (
     NOTHING_MOVES,
     WorseThanStill,
