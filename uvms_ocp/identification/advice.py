@@ -87,6 +87,7 @@ def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
 
 
 def _motion(text: str, entry: str) -> str:
+    """Write a motion for the axes of an entry."""
     axes = entry.replace(" from ", "-").split("-")
     if len(axes) == 1:
         driven = axes[0]

@@ -90,6 +90,7 @@ def _archive(path: Path) -> Kind:
 
 
 def _packed_text(path: Path) -> Kind:
+    """Recognise packed text. Raises InvalidInput for other packed files."""
     with (
         as_input_errors(path, OSError, EOFError, zlib.error, what="no table of numbers"),
         gzip.open(path) as file,

@@ -89,6 +89,7 @@ def left_out_tables(
 
 
 def _horizon(length: float, predictions: Sequence[HorizonPrediction]) -> Iterator[str]:
+    """Tabulate median errors over one horizon, by the name of the predictor."""
     shortest = min(prediction.length for prediction in predictions)
     if shortest < length - 1e-6:
         yield f"\n### {length:g} s (recordings have {shortest:.3g} s)"
@@ -116,6 +117,7 @@ def _best_baseline(errors_by_name: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _by_recording(recordings: Sequence[HeldOutRecording]) -> Iterator[str]:
+    """Tabulate the errors of each recording over its longest horizon."""
     yield "\n### Each recording, over the longest horizon that it has\n"
     yield (
         "In brackets: the best that knows less, and by how much the prediction was expected to"

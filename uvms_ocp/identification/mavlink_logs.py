@@ -36,6 +36,7 @@ def mavlink_topics(path: Path) -> Collection[str]:
 
 
 def _mavlink(path: Path) -> closing[Any]:
+    """Open a log."""
     mavutil = optional_module("pymavlink.mavutil", "a log of MAVLink", '"uvms-ocp[mavlink]"')
     return closing(
         mavutil.mavlink_connection(str(path), dialect="ardupilotmega", robust_parsing=True)

@@ -65,6 +65,7 @@ class TopicColumns:
 def _rows_of(
     path: Path, topics: Sequence[tuple[str, TopicColumns]], definitions: Path | None, state: object
 ) -> Mapping[str, TableColumns]:
+    """Read the columns of `message_rows`; state: changes when a file does, so that the cache is not used."""
     remarks: list[str] = []
     rows_by_name = {name: _Rows(name, columns) for name, columns in topics}
     by_topic: dict[str, list[_Rows]] = defaultdict(list)

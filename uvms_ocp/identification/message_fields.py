@@ -138,6 +138,7 @@ def _names_in(value: Any) -> tuple[str, ...]:
 
 
 def _element(parent: Any, value: Any, step: str) -> Any:
+    """Return the element of an array at a place, or with a name."""
     names = list(_names_beside(parent, value))
     if step.isdecimal() and step not in names:
         if int(step) >= len(value):
@@ -174,6 +175,7 @@ def _is_array(value: Any) -> bool:
 
 
 def _number(value: Any, steps: Sequence[str]) -> float:
+    """Return a value as a number. Raises InvalidInput for one that is none."""
     if isinstance(value, (int, float, np.number, np.bool_)):
         return float(value)
     field_names = ", ".join(_names_in(value))

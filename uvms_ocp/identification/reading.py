@@ -72,6 +72,7 @@ def _without_mapping(path: Path) -> recordings.Recording:
 
 
 def _of_record(path: Path) -> recordings.Recording:
+    """Read a record of this toolkit as a recording."""
     try:
         record = _RECORDS.get(path.suffix, Record.load)(path)
     except InvalidInput:
@@ -86,6 +87,7 @@ def _of_record(path: Path) -> recordings.Recording:
 
 
 def _needs_mapping(path: Path) -> InvalidInput:
+    """Make the error for a file of other software without a mapping."""
     return InvalidInput(
         f"{path}: no record of ours; give a mapping of its topics: {', '.join(topics_of(path))}"
     )

@@ -103,6 +103,7 @@ def _disagreed(calibration: Calibration) -> Iterator[str]:
 
 
 def _number_data(number: IdentifiedNumber) -> dict[str, Any]:
+    """Return an identified number for JSON."""
     low, high = number.interval
     return {
         "name": number.name,

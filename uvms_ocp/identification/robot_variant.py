@@ -122,6 +122,7 @@ def _source(name: str, calibration: Calibration) -> str:
 
 
 def _verdict(number: IdentifiedNumber, calibration: Calibration) -> str:
+    """Say how well a number is determined, and where its value is from."""
     if number.name in calibration.exported.kept:
         return "not determined, as before"
     if number.determined:
@@ -141,4 +142,5 @@ def _written(value: np.ndarray) -> str:
 
 
 def _row(values: np.ndarray) -> str:
+    """Write a vector as YAML."""
     return "[" + ", ".join(f"{float(value):.6g}" for value in values) + "]"

@@ -199,12 +199,14 @@ def _arrays(path: Path) -> _Arrays:
 
 
 def _npy_arrays(path: Path) -> Mapping[str, np.ndarray]:
+    """Read the array of a file of NumPy."""
     array = np.load(path, mmap_mode="r", allow_pickle=False)
     _require_few([("array", array.shape)])
     return dict(_flat("", array))
 
 
 def _mat_arrays(path: Path) -> Mapping[str, np.ndarray]:
+    """Read the variables of a file of MATLAB."""
     from scipy.io import loadmat, whosmat
 
     _require_few((name, shape) for name, shape, _ in whosmat(path))
@@ -214,6 +216,7 @@ def _mat_arrays(path: Path) -> Mapping[str, np.ndarray]:
 
 
 def _json_arrays(path: Path) -> Mapping[str, np.ndarray]:
+    """Read the arrays of one object or list of JSON."""
     if path.stat().st_size > _LARGEST_JSON:
         raise InvalidInput(
             f"{path}: {path.stat().st_size >> 20} MB of JSON; at most {_LARGEST_JSON >> 20} are"
@@ -265,6 +268,7 @@ def _by_column(rows: list[dict[str, Any] | None]) -> dict[str, list[Any]]:
 
 
 def _hdf5_arrays(path: Path) -> Mapping[str, np.ndarray]:
+    """Read the data sets of numbers of a file of HDF5."""
     h5py = optional_module("h5py", "reading HDF5", "h5py")
     with h5py.File(path) as file:
         datasets: dict[str, Any] = {}
@@ -295,6 +299,7 @@ def _require_few(shapes: Iterable[tuple[str, Sequence[int]]]) -> None:
 
 
 def _from_parquet(path: Path, selection: Sequence[str]) -> np.ndarray:
+    """Read columns (n, k) of a Parquet file."""
     with _parquet(path) as file:
         names = list(file.schema_arrow.names)
         columns = [names[place_of(path, names, name)] for name in selection]
@@ -315,6 +320,7 @@ def _floats(column: Any) -> np.ndarray:
 
 @contextmanager
 def _parquet(path: Path) -> Iterator[Any]:
+    """Open a Parquet file. Raises InvalidInput for too many rows."""
     pa = arrow("reading Parquet", "pyarrow")
     damage = (pa.ArrowException, OSError, ValueError)
     with (

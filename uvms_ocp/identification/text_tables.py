@@ -229,6 +229,7 @@ def _head(file: IO[str]) -> list[tuple[int, str]]:
 
 
 def _is_comment(line: str) -> bool:
+    """Check whether a line is a comment."""
     return line.lstrip().startswith(("#", "%"))
 
 
@@ -424,6 +425,7 @@ def _cells(
     places: Sequence[int],
     words: Mapping[int, str],
 ) -> Iterator[float]:
+    """Yield the numbers of one row at some places."""
     if len(row) <= max(places):
         raise InvalidInput(
             f"row {number} has {len(row)} cells; its table has {len(layout.names)} columns"
@@ -494,11 +496,13 @@ def _sheets(path: Path, sheet_name: str) -> list[str]:
 
 
 def _has_numbers(row: Sequence[object]) -> bool:
+    """Check whether a row of a sheet has two numbers at least."""
     return sum(isinstance(cell, int | float) for cell in row) > 1
 
 
 @contextmanager
 def _workbook(path: Path) -> Iterator[Any]:
+    """Open a workbook. Raises InvalidInput for one that unpacks to too much."""
     openpyxl = optional_module("openpyxl", "reading a workbook", "openpyxl")
     with ZipFile(path) as archive:
         size = path.stat().st_size
@@ -515,6 +519,7 @@ def _workbook(path: Path) -> Iterator[Any]:
 
 
 def _damage_in_a_line(path: Path) -> AbstractContextManager[None]:
+    """Turn errors of a damaged file into InvalidInput."""
     return as_input_errors(
         path,
         OSError,

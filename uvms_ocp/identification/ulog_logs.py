@@ -40,6 +40,7 @@ def ulog_topics(path: Path) -> Collection[str]:
 
 
 def _ulog(path: Path) -> dict[str, Mapping[str, np.ndarray]]:
+    """Read the columns of all topics of a log."""
     pyulog = optional_module("pyulog", "a ULog of PX4", '"uvms-ocp[ulog]"')
     with path.open("rb") as file:
         instances = pyulog.ULog(file).data_list

@@ -122,6 +122,7 @@ def autocorrelation(residual: np.ndarray) -> np.ndarray:
 
 
 def _whiteness(channel: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
+    """Test the residuals (m,) of one channel, at times t (m,) [s]."""
     p, rho = ljung_box(residual)
     return Whiteness(
         channel=channel,
