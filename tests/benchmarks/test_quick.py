@@ -15,6 +15,7 @@ from benchmark_registry import BENCHMARKS, ROOT, SCRIPTS, TOOLS, Benchmark
 from compiler import long_without_compiler
 
 RESULTS = SCRIPTS / "results"
+PATIENCE = 3600.0  # [s] for one that compiles from empty caches beside other programs
 READY = [benchmark for benchmark in BENCHMARKS if not benchmark.missing]
 MISSING = sorted({benchmark.missing for benchmark in BENCHMARKS if benchmark.missing})
 LEFT_OUT = f"{len(BENCHMARKS) - len(READY)} benchmarks, see CONTRIBUTING: {'; '.join(MISSING)}"
@@ -33,9 +34,14 @@ def paced(benchmark: Benchmark) -> Any:
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, *words]
     return subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=600, check=False
+        [sys.executable, *words],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
     )
 
 

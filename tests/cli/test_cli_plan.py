@@ -336,7 +336,7 @@ def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_pa
     np.savez(tmp_path / "other.npz", t=np.zeros(1), __meta__=np.array("{}"))
     np.savez(tmp_path / "broken.npz", t=np.zeros(1), __meta__=np.array('{"completed": "yes"}'))
     for name, message in (
-        ("run.npz", "the second a run"),
+        ("run.npz", "first is a plan, second a run; give runs alone or plans alone"),
         ("other.npz", "a record of neither a run nor a plan"),
         ("broken.npz", "broken.npz: "),
         ("", "holds no record.npz; give the folder of a run"),
