@@ -23,7 +23,7 @@ class Benchmark:
     files: tuple[str, ...]
     """Names of the CSV files; the report has that of the first."""
     option: str = ""
-    """Before the folder that it needs, if any."""
+    """Before the folder that it needs, if any, or alone."""
     variable: str = ""
     """Of the environment, with that folder."""
     packages: tuple[str, ...] = ()
@@ -89,6 +89,7 @@ ALONE = tuple(
 )
 BENCHMARKS = (
     *ALONE,
+    Benchmark(script="faults", files=("drawn_faults",), option="--drawn"),
     Benchmark(script="first_answer", files=("first_answer", "first_answer_planners")),
     Benchmark(script="install", files=("install", "install_packages")),
     Benchmark(script="mutation", files=("mutation",), packages=("cosmic_ray", "pytest_cov")),
