@@ -59,43 +59,43 @@ _RATE = 100.0  # [Hz] at which the estimator is run
 _SETTLED = 20.0  # [s] after which its covariance no longer changes
 
 
-def advance_filter(m: filtering.FilterMemory) -> None:
+def advance_filter(filter: filtering.FilterMemory) -> None:
     """Run one tick: predict, fuse what is fresh, and write the outputs."""
-    m.dt = m.now - m.before if m.started else 0.0
-    m.started = True
-    m.before = m.now
-    if m.floating:
-        vehicle_model.predict(m)
-        measurement_update.fuse(m)
-        _write_vehicle_outputs(m)
-    joint_filters.predict_joints(m)
-    joint_filters.fuse_joints(m)
-    for j in range(m.n_joints):
-        m.std[6 + j] = math.sqrt(max(m.joint_P[j][0][0], 0.0))
-    m.age[0] = 0.0
-    m.age[1] = max(m.now - m.used[ChannelIndex.JOINT_POSITIONS], 0.0)
+    filter.dt = filter.now - filter.before if filter.started else 0.0
+    filter.started = True
+    filter.before = filter.now
+    if filter.floating:
+        vehicle_model.predict(filter)
+        measurement_update.fuse(filter)
+        _write_vehicle_outputs(filter)
+    joint_filters.predict_joints(filter)
+    joint_filters.fuse_joints(filter)
+    for j in range(filter.n_joints):
+        filter.std[6 + j] = math.sqrt(max(filter.joint_P[j][0][0], 0.0))
+    filter.age[0] = 0.0
+    filter.age[1] = max(filter.now - filter.used[ChannelIndex.JOINT_POSITIONS], 0.0)
     for c in range(filtering.N_CHANNELS):
-        if m.needed[c] > 0.0:
-            m.age[0] = max(m.now - m.used[c], m.age[0])
-        m.fresh[c] = 0.0
+        if filter.needed[c] > 0.0:
+            filter.age[0] = max(filter.now - filter.used[c], filter.age[0])
+        filter.fresh[c] = 0.0
 
 
-def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
+def _write_vehicle_outputs(filter: filtering.FilterMemory) -> None:
     R = kernel_layout.zeros(9)
-    predicted = m.predicted
-    vehicle_model.rotation(m.turn, R)
-    vehicle_model.rotate_back(R, m.x, Part.SPEED, m.twist)
+    predicted = filter.predicted
+    vehicle_model.rotation(filter.turn, R)
+    vehicle_model.rotate_back(R, filter.x, Part.SPEED, filter.twist)
     for i in range(3):
-        m.twist[3 + i] = m.x[Part.SPIN + i]
-        m.std[i] = math.sqrt(max(m.P[Part.PLACE + i][Part.PLACE + i], 0.0))
-        m.std[3 + i] = math.sqrt(max(m.P[Part.TURN + i][Part.TURN + i], 0.0))
-    vehicle_model.predict_measurement(m, ChannelIndex.ALTIMETER_RANGE, filtering.MAIN)
-    has_floor = predicted.h[1] > STEEP and m.now - m.echo <= m.echo_memory
-    m.range[0] = predicted.h[0] / predicted.h[1] if has_floor else math.nan
+        filter.twist[3 + i] = filter.x[Part.SPIN + i]
+        filter.std[i] = math.sqrt(max(filter.P[Part.PLACE + i][Part.PLACE + i], 0.0))
+        filter.std[3 + i] = math.sqrt(max(filter.P[Part.TURN + i][Part.TURN + i], 0.0))
+    vehicle_model.predict_measurement(filter, ChannelIndex.ALTIMETER_RANGE, filtering.MAIN)
+    has_floor = predicted.h[1] > STEEP and filter.now - filter.echo <= filter.echo_memory
+    filter.range[0] = predicted.h[0] / predicted.h[1] if has_floor else math.nan
     if has_floor:
-        m.range[1] = math.sqrt(max(predicted.S[0][0], 0.0)) / predicted.h[1]
+        filter.range[1] = math.sqrt(max(predicted.S[0][0], 0.0)) / predicted.h[1]
     else:
-        m.range[1] = math.nan
+        filter.range[1] = math.nan
 
 
 # Which channels an estimate needs, and how old they are.

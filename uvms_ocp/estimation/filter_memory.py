@@ -107,21 +107,21 @@ NUMBER = {name: ChannelIndex[name.upper()] for name in CHANNELS}
 N_CHANNELS = len(ChannelIndex)
 
 
-def rows_of(c: int) -> int:
+def rows_of(channel: int) -> int:
     """Return the number of entries of one reading of a channel; of one joint for the joints'
     channels. A kernel.
     """
-    if c <= ChannelIndex.SPECIFIC_FORCE and c != ChannelIndex.DEPTH:
+    if channel <= ChannelIndex.SPECIFIC_FORCE and channel != ChannelIndex.DEPTH:
         return 3
     return 1
 
 
-def orders_of(c: int) -> int:
+def orders_of(channel: int) -> int:
     """Return the number of integrations from the acceleration to what the channel reads. A kernel."""
-    if c == ChannelIndex.SPECIFIC_FORCE:
+    if channel == ChannelIndex.SPECIFIC_FORCE:
         return 0
-    velocity = c == ChannelIndex.ANGULAR_VELOCITY or c == ChannelIndex.LINEAR_VELOCITY
-    if velocity or c == ChannelIndex.JOINT_VELOCITIES:
+    velocity = channel == ChannelIndex.ANGULAR_VELOCITY or channel == ChannelIndex.LINEAR_VELOCITY
+    if velocity or channel == ChannelIndex.JOINT_VELOCITIES:
         return 1
     return 2
 
@@ -378,17 +378,17 @@ def initialise(
     """Write what the filter knows before the first tick."""
     memory = arrays_of(structure)
     for name in CHANNELS:
-        c = NUMBER[name]
+        channel = NUMBER[name]
         spec = getattr(specs, name)
-        memory.sigma[c] = _SMALLEST_SIGMA
-        memory.period[c] = 0.0
-        memory.lag[c] = 0.0
+        memory.sigma[channel] = _SMALLEST_SIGMA
+        memory.period[channel] = 0.0
+        memory.lag[channel] = 0.0
         if spec is not None:
-            memory.sigma[c] = max(spec.sigma, _SMALLEST_SIGMA)
-            memory.period[c] = 1.0 / spec.rate
-            memory.lag[c] = spec.delay
-        memory.gate[c] = _GATES[rows_of(c)]
-        memory.recovery[c] = _RECOVERY
+            memory.sigma[channel] = max(spec.sigma, _SMALLEST_SIGMA)
+            memory.period[channel] = 1.0 / spec.rate
+            memory.lag[channel] = spec.delay
+        memory.gate[channel] = _GATES[rows_of(channel)]
+        memory.recovery[channel] = _RECOVERY
     memory.recovery[ChannelIndex.ALTIMETER_RANGE] = _EARLY_STEP
     memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
     memory.joint_limit[:] = _JOINT_LIMIT

@@ -87,14 +87,16 @@ def fuse_joints(filter: FilterMemory) -> None:
         for j in range(filter.n_joints):
             if _is_thrown(filter, j):
                 _expect_thrown(filter, j)
-    for c in range(_FIRST, filtering.N_CHANNELS):
-        if filter.fresh[c] != 0.0:
-            _ingest(filter, c)
-    for c in range(_FIRST, filtering.N_CHANNELS):
-        if filter.lag[c] > 0.0:
-            update.free_expired(filter, c, filter.joint_owner, filter.joint_taken, JOINT_SLOTS)
-            if update.is_due(filter, c):
-                _clone(filter, c)
+    for channel in range(_FIRST, filtering.N_CHANNELS):
+        if filter.fresh[channel] != 0.0:
+            _ingest(filter, channel)
+    for channel in range(_FIRST, filtering.N_CHANNELS):
+        if filter.lag[channel] > 0.0:
+            update.free_expired(
+                filter, channel, filter.joint_owner, filter.joint_taken, JOINT_SLOTS
+            )
+            if update.is_due(filter, channel):
+                _clone(filter, channel)
 
 
 def _are_of_one_time(filter: FilterMemory) -> bool:
@@ -132,19 +134,19 @@ def _expect_thrown(filter: FilterMemory, j: int) -> None:
     filter.joint_P[j][1][1] += rate_off * rate_off
 
 
-def _ingest(filter: FilterMemory, c: int) -> None:
-    value = filter.joint_value[c - _FIRST]
+def _ingest(filter: FilterMemory, channel: int) -> None:
+    value = filter.joint_value[channel - _FIRST]
     count = 0
     limit = filtering.UNKNOWN * filter.joint_limit[0] * filter.joint_limit[0]
-    if not update.is_of_now(filter, c):
+    if not update.is_of_now(filter, channel):
         return
     for j in range(filter.n_joints):
         if not abs(value[j]) <= filtering.LARGEST:
             return
-    filter.last[c] = filter.stamp[c]
-    update.update_lag(filter, c)
+    filter.last[channel] = filter.stamp[channel]
+    update.update_lag(filter, channel)
     for j in range(filter.n_joints):
-        filter.joint_unknown[j] = c == _FIRST and filter.joint_P[j][0][0] > limit
+        filter.joint_unknown[j] = channel == _FIRST and filter.joint_P[j][0][0] > limit
         if filter.joint_unknown[j] != 0.0:
             # Take the first reading for the truth.
             age = filter.now - filter.stamp[_FIRST]
@@ -153,17 +155,19 @@ def _ingest(filter: FilterMemory, c: int) -> None:
             _clear(filter, j, 0, sigma * sigma + age * age * filter.joint_P[j][1][1])
             count += 1
     for slot in range(JOINT_SLOTS if count > 0 else 0):
-        if filter.joint_owner[slot] == c:
+        if filter.joint_owner[slot] == channel:
             filter.joint_owner[slot] = -1.0
-    slot = update.nearest_clone(filter, c, filter.joint_owner, filter.joint_taken, JOINT_SLOTS)
+    slot = update.nearest_clone(
+        filter, channel, filter.joint_owner, filter.joint_taken, JOINT_SLOTS
+    )
     if count == filter.n_joints:
-        filter.used[c] = filter.stamp[c]
+        filter.used[channel] = filter.stamp[channel]
     elif slot != update.NONE:
         _gate(
             filter,
-            c,
+            channel,
             slot,
-            filter.stamp[c] - (filter.now if slot < 0 else filter.joint_taken[slot]),
+            filter.stamp[channel] - (filter.now if slot < 0 else filter.joint_taken[slot]),
         )
 
 
@@ -189,9 +193,9 @@ def _rate_variance(filter: FilterMemory, j: int, k: int, slot: int) -> float:
     return filter.joint_rate_variance[j][slot]
 
 
-def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
+def _gate(filter: FilterMemory, channel: int, slot: int, delta: float) -> None:
     """Gate the readings of the joints, and fuse those that are consistent."""
-    k = c - _FIRST
+    k = channel - _FIRST
     n = _active(filter)
     accepted = True
     degrees = 0
@@ -211,7 +215,7 @@ def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
         h = _predicted(filter, j, k, slot)
         rate = _rate(filter, j, k, slot)
         R = (
-            filter.sigma[c] * filter.sigma[c]
+            filter.sigma[channel] * filter.sigma[channel]
             + delta * delta * max(variance, 0.0)
             + abs(delta) * walk
         )
@@ -219,85 +223,89 @@ def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
         S = filter.joint_P[j][state][state] + R
         # Beside what accelerations can do, a joint with a rate may stop.
         stop = abs(h if k != 0 else rate) * (
-            update.time_since_accepted(filter, c) if c == _FIRST else 1.0
+            update.time_since_accepted(filter, channel) if channel == _FIRST else 1.0
         )
-        root = math.sqrt(update.planned_allowance(filter, c)) + stop / 5.0
-        granted = max(root * root, update.jolt_allowance(filter, c))
-        believed = nu * nu <= filter.gate[c] * (S + granted)
+        root = math.sqrt(update.planned_allowance(filter, channel)) + stop / 5.0
+        granted = max(root * root, update.jolt_allowance(filter, channel))
+        believed = nu * nu <= filter.gate[channel] * (S + granted)
         total += nu * nu / S
         degrees += 1
         if believed:
             filter.joint_since[k][j] = math.nan
-            if nu * nu / S > filter.gate[c]:
+            if nu * nu / S > filter.gate[channel]:
                 surprise = max(surprise, abs(nu))
-                _inflate_surprised(filter, j, c, nu * nu)
-        elif _is_consistent(filter, c, j, nu, S + R + granted):
+                _inflate_surprised(filter, j, channel, nu * nu)
+        elif _is_consistent(filter, channel, j, nu, S + R + granted):
             believed = True
-            _relax(filter, j, c, nu * nu)
+            _relax(filter, j, channel, nu * nu)
         if believed:
             _correct(filter, j, state, nu, R, n)
         accepted = accepted and believed
-    filter.surprise[c] = surprise if accepted else filter.surprise[c]
-    update.record_outcome(filter, c, total, degrees, accepted)
+    filter.surprise[channel] = surprise if accepted else filter.surprise[channel]
+    update.record_outcome(filter, channel, total, degrees, accepted)
 
 
-def _is_consistent(filter: FilterMemory, c: int, j: int, nu: float, S: float) -> bool:
+def _is_consistent(filter: FilterMemory, channel: int, j: int, nu: float, S: float) -> bool:
     """Return whether a reading outside the gate agrees with those before it, for long enough."""
-    since = filter.joint_since[c - _FIRST]
-    refused = filter.joint_refused[c - _FIRST]
+    since = filter.joint_since[channel - _FIRST]
+    refused = filter.joint_refused[channel - _FIRST]
     change = nu - refused[j]
-    agrees = math.isfinite(since[j]) and change * change <= filter.gate[c] * S
+    agrees = math.isfinite(since[j]) and change * change <= filter.gate[channel] * S
     if not agrees:
-        since[j] = filter.stamp[c]
+        since[j] = filter.stamp[channel]
     refused[j] = nu
-    return agrees and filter.stamp[c] - since[j] >= filter.recovery[c] - filtering.EARLY
+    return agrees and filter.stamp[channel] - since[j] >= filter.recovery[channel] - filtering.EARLY
 
 
-def _inflate_surprised(filter: FilterMemory, j: int, c: int, squared: float) -> None:
+def _inflate_surprised(filter: FilterMemory, j: int, channel: int, squared: float) -> None:
     """Inflate the variances of a joint that has moved as the process model did not expect.
 
     What is more than twice an acceleration that is planned came at once, where positions are in
     time and alone tell of it: it was faster ever since the last reading that was believed. Less may
     be a delay that nobody knows of.
     """
-    time = update.time_since_accepted(filter, c)
-    since = max(filter.stamp[c] - filter.used[c], filter.dt)
+    time = update.time_since_accepted(filter, channel)
+    since = max(filter.stamp[channel] - filter.used[channel], filter.dt)
     alone = (
-        filter.lag[c] <= 0.0
-        and filter.stamp[c] - filter.used[filtering.ChannelIndex.JOINT_VELOCITIES]
-        > filter.recovery[c] / 2.0
+        filter.lag[channel] <= 0.0
+        and filter.stamp[channel] - filter.used[filtering.ChannelIndex.JOINT_VELOCITIES]
+        > filter.recovery[channel] / 2.0
     )
-    jolted = c == _FIRST and alone and math.sqrt(squared) > 2.0 * filter.agility[c] * time * since
-    _inflate_own(filter, j, c, squared)
-    if c == _FIRST:
+    jolted = (
+        channel == _FIRST
+        and alone
+        and math.sqrt(squared) > 2.0 * filter.agility[channel] * time * since
+    )
+    _inflate_own(filter, j, channel, squared)
+    if channel == _FIRST:
         filter.joint_P[j][1][1] += squared / (since * since if jolted else time * time)
     if jolted:
         filter.joint_P[j][0][1] += squared / since
         filter.joint_P[j][1][0] += squared / since
 
 
-def _relax(filter: FilterMemory, j: int, c: int, squared: float) -> None:
+def _relax(filter: FilterMemory, j: int, channel: int, squared: float) -> None:
     """Inflate the variances of the state and its clones, which are wrong by an unknown amount."""
     for slot in range(JOINT_SLOTS):
-        if filter.joint_owner[slot] != c:
+        if filter.joint_owner[slot] != channel:
             filter.joint_owner[slot] = -1.0
-    _inflate_own(filter, j, c, filtering.GATE_RELAXATION * squared)
-    filter.joint_since[c - _FIRST][j] = math.nan
+    _inflate_own(filter, j, channel, filtering.GATE_RELAXATION * squared)
+    filter.joint_since[channel - _FIRST][j] = math.nan
 
 
-def _inflate_own(filter: FilterMemory, j: int, c: int, variance: float) -> None:
+def _inflate_own(filter: FilterMemory, j: int, channel: int, variance: float) -> None:
     """Add a common error of a variance to what the channel sees of a joint, now and in its clones."""
     for a in range(JOINT_STATES):
         for b in range(JOINT_STATES):
-            if _is_of(filter, c, a) and _is_of(filter, c, b):
+            if _is_of(filter, channel, a) and _is_of(filter, channel, b):
                 filter.joint_P[j][a][b] += variance
 
 
-def _is_of(filter: FilterMemory, c: int, state: int) -> bool:
+def _is_of(filter: FilterMemory, channel: int, state: int) -> bool:
     """Return whether a channel sees a state, or saw the clone that it is."""
     if state >= 2:
-        return filter.joint_owner[state - 2] == c
-    return state == c - _FIRST
+        return filter.joint_owner[state - 2] == channel
+    return state == channel - _FIRST
 
 
 def _correct(filter: FilterMemory, j: int, state: int, nu: float, R: float, n: int) -> None:
@@ -317,13 +325,13 @@ def _correct(filter: FilterMemory, j: int, state: int, nu: float, R: float, n: i
         filter.joint_h[j][slot] += gain[2 + slot] * nu
 
 
-def _clone(filter: FilterMemory, c: int) -> None:
+def _clone(filter: FilterMemory, channel: int) -> None:
     slot = update.free_slot(filter.joint_owner, JOINT_SLOTS)
-    k = c - _FIRST
+    k = channel - _FIRST
     if slot < 0:
         return
     at = 2 + slot
-    filter.joint_owner[slot] = c
+    filter.joint_owner[slot] = channel
     filter.joint_taken[slot] = filter.now
     for j in range(filter.n_joints):
         filter.joint_h[j][slot] = _predicted(filter, j, k, -1)

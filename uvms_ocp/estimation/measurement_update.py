@@ -50,96 +50,96 @@ def space_clones(filter: FilterMemory, first: int, last: int, slots: int) -> Non
     total = slots + 1.0
     while n_clones > 2.0:
         total = 0.0
-        for c in range(first, last):
-            if filter.lag[c] > 0.0:
-                # Clones at a time if every reading of channel c has one that is near enough.
-                apart = max(max(EARLY, _least(c)), max(filter.dt, filter.period[c]))
-                total += min((filter.lag[c] + 2.0 * filter.dt) / apart + 1.0, n_clones)
+        for channel in range(first, last):
+            if filter.lag[channel] > 0.0:
+                # Clones at a time if every reading of a channel has one that is near enough.
+                apart = max(max(EARLY, _least(channel)), max(filter.dt, filter.period[channel]))
+                total += min((filter.lag[channel] + 2.0 * filter.dt) / apart + 1.0, n_clones)
         if total <= slots:
             break
         n_clones -= 1.0
-    for c in range(first, last):
-        if filter.lag[c] > 0.0:
-            filter.apart[c] = max(
-                (filter.lag[c] + 2.0 * filter.dt) / (n_clones - 1.0),
-                max(_least(c), filter.period[c]),
+    for channel in range(first, last):
+        if filter.lag[channel] > 0.0:
+            filter.apart[channel] = max(
+                (filter.lag[channel] + 2.0 * filter.dt) / (n_clones - 1.0),
+                max(_least(channel), filter.period[channel]),
             )
 
 
-def _least(c: int) -> float:
+def _least(channel: int) -> float:
     """Return the shortest time [s] between two clones of a channel: motion is smooth enough in
     between. Joints have no need to save.
     """
-    if c < filtering.N_VEHICLE:
-        return _SPACING * filtering.orders_of(c)
+    if channel < filtering.N_VEHICLE:
+        return _SPACING * filtering.orders_of(channel)
     return 0.0
 
 
-def is_of_now(filter: FilterMemory, c: int) -> bool:
-    """Return whether the fresh reading of channel c is newer than the last, and not of the
+def is_of_now(filter: FilterMemory, channel: int) -> bool:
+    """Return whether the fresh reading of a channel is newer than the last, and not of the
     future.
     """
-    return filter.last[c] < filter.stamp[c] <= filter.now + EARLY
+    return filter.last[channel] < filter.stamp[channel] <= filter.now + EARLY
 
 
-def update_lag(filter: FilterMemory, c: int) -> None:
-    """Remember how late the fresh reading of channel c is."""
-    age = filter.now - filter.stamp[c]
-    if age > 1.5 * filter.dt + EARLY and age > filter.lag[c]:
-        filter.lag[c] = min(filtering.LONGEST_LAG, age)
+def update_lag(filter: FilterMemory, channel: int) -> None:
+    """Remember how late the fresh reading of a channel is."""
+    age = filter.now - filter.stamp[channel]
+    if age > 1.5 * filter.dt + EARLY and age > filter.lag[channel]:
+        filter.lag[channel] = min(filtering.LONGEST_LAG, age)
 
 
 def nearest_clone(
-    filter: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int
+    filter: FilterMemory, channel: int, owner: Vector, clone_times: Vector, slots: int
 ) -> int:
-    """Return the clone for the fresh reading of channel c, `NOW` where it needs none, `NONE` where
+    """Return the clone for the fresh reading of a channel, `NOW` where it needs none, `NONE` where
     no clone is near enough.
 
     owner (slots,), clone_times (slots,) [s]: channel and time of each clone.
     """
     best = NOW
-    nearest = abs(filter.stamp[c] - filter.now)
+    nearest = abs(filter.stamp[channel] - filter.now)
     reach = 1.5 * filter.dt + EARLY
     for slot in range(slots):
-        if owner[slot] == c and abs(filter.stamp[c] - clone_times[slot]) < nearest:
+        if owner[slot] == channel and abs(filter.stamp[channel] - clone_times[slot]) < nearest:
             best = slot
-            nearest = abs(filter.stamp[c] - clone_times[slot])
+            nearest = abs(filter.stamp[channel] - clone_times[slot])
     if best >= 0:
-        reach += filter.apart[c]
+        reach += filter.apart[channel]
     if nearest <= reach:
         return best
     return NONE
 
 
-def is_due(filter: FilterMemory, c: int) -> bool:
-    """Return whether channel c is late and takes a reading at this tick; if so the next time is
+def is_due(filter: FilterMemory, channel: int) -> bool:
+    """Return whether a channel is late and takes a reading at this tick; if so the next time is
     noted.
     """
-    if filter.lag[c] <= 0.0 or filter.now < filter.due[c] - EARLY:
+    if filter.lag[channel] <= 0.0 or filter.now < filter.due[channel] - EARLY:
         return False
-    apart = filter.apart[c]
-    period = filter.period[c]
-    phase = filter.last[c] if math.isfinite(filter.last[c]) else 0.0
+    apart = filter.apart[channel]
+    period = filter.period[channel]
+    phase = filter.last[channel] if math.isfinite(filter.last[channel]) else 0.0
     if apart <= filter.dt + EARLY:
-        filter.due[c] = filter.now
+        filter.due[channel] = filter.now
     elif period <= filter.dt:
-        filter.due[c] = filter.now + apart
+        filter.due[channel] = filter.now + apart
     else:
         steps = math.floor((filter.now - phase) / period + 1e-6) + math.ceil(apart / period - 1e-6)
-        filter.due[c] = phase + steps * period
+        filter.due[channel] = phase + steps * period
     return True
 
 
 def free_expired(
-    filter: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int
+    filter: FilterMemory, channel: int, owner: Vector, clone_times: Vector, slots: int
 ) -> None:
-    """Free clones of channel c whose readings are lost, or that are older than the last one.
+    """Free clones of a channel whose readings are lost, or that are older than the last one.
 
     owner (slots,), clone_times (slots,) [s]: channel and time of each clone.
     """
     for slot in range(slots):
-        lost = filter.now - clone_times[slot] > filter.lag[c] + 2.0 * filter.dt + EARLY
-        if owner[slot] == c and (lost or clone_times[slot] <= filter.last[c] + EARLY):
+        lost = filter.now - clone_times[slot] > filter.lag[channel] + 2.0 * filter.dt + EARLY
+        if owner[slot] == channel and (lost or clone_times[slot] <= filter.last[channel] + EARLY):
             owner[slot] = -1.0
 
 
@@ -151,86 +151,98 @@ def free_slot(owner: Vector, slots: int) -> int:
     return NOW
 
 
-def time_since_accepted(filter: FilterMemory, c: int) -> float:
+def time_since_accepted(filter: FilterMemory, channel: int) -> float:
     """Return the time [s] in which the robot can have done something else since the last reading of
-    channel c that was believed.
+    a channel that was believed.
 
     Of depths, since the last of a fix, too: both tell the height.
     """
-    if c == ChannelIndex.DEPTH:
-        used = max(filter.used[c], filter.used[ChannelIndex.POSITION])
+    if channel == ChannelIndex.DEPTH:
+        used = max(filter.used[channel], filter.used[ChannelIndex.POSITION])
     else:
-        used = filter.used[c]
-    return min(filtering.LONGEST_LAG, max(filter.stamp[c] - used, 0.0)) + _SURPRISE
+        used = filter.used[channel]
+    return min(filtering.LONGEST_LAG, max(filter.stamp[channel] - used, 0.0)) + _SURPRISE
 
 
-def planned_allowance(filter: FilterMemory, c: int) -> float:
-    """Return the variance that the gate grants channel c for accelerations that the process model
+def planned_allowance(filter: FilterMemory, channel: int) -> float:
+    """Return the variance that the gate grants a channel for accelerations that the process model
     does not expect.
 
     Of what the robot can have planned since the last reading that was believed; the gate is five
     standard deviations wide. A velocity that nothing but the channel tells of is that of two
     readings ago.
     """
-    moved = _moved(c, filter.agility[c], time_since_accepted(filter, c))
-    if _is_place(c) and _is_velocity_unseen(filter, c):
-        moved += filter.agility[c] * time_since_accepted(filter, c) * 2.0 * filter.period[c]
+    moved = _moved(channel, filter.agility[channel], time_since_accepted(filter, channel))
+    if _is_place(channel) and _is_velocity_unseen(filter, channel):
+        moved += (
+            filter.agility[channel]
+            * time_since_accepted(filter, channel)
+            * 2.0
+            * filter.period[channel]
+        )
     return moved * moved / 25.0
 
 
-def jolt_allowance(filter: FilterMemory, c: int) -> float:
-    """Return the variance that the gate grants channel c for a jolt that nobody planned: what it
+def jolt_allowance(filter: FilterMemory, channel: int) -> float:
+    """Return the variance that the gate grants a channel for a jolt that nobody planned: what it
     can move within one period, or what is left of a motion that surprised.
 
     A jump that is larger is refused for as long as it lasts.
     """
-    grown = _OUTGROWN * filter.surprise[c] * math.exp(-(filter.stamp[c] - filter.used[c]) / _FADING)
-    time = min(max(filter.dt, filter.period[c]), filtering.JOLT_TIME)
-    time += _unseen_turning_time(filter, c)
-    moved = max(grown, _moved(c, filter.jolt[c], time))
-    if filter.jolt[c] > 0.0:
+    grown = (
+        _OUTGROWN
+        * filter.surprise[channel]
+        * math.exp(-(filter.stamp[channel] - filter.used[channel]) / _FADING)
+    )
+    time = min(max(filter.dt, filter.period[channel]), filtering.JOLT_TIME)
+    time += _unseen_turning_time(filter, channel)
+    moved = max(grown, _moved(channel, filter.jolt[channel], time))
+    if filter.jolt[channel] > 0.0:
         return moved * moved / 25.0
     return 0.0
 
 
-def _unseen_turning_time(filter: FilterMemory, c: int) -> float:
+def _unseen_turning_time(filter: FilterMemory, channel: int) -> float:
     """Return the time [s] in which the vehicle can have begun to turn before a late gyro shows it."""
-    if c == ChannelIndex.ATTITUDE or c == ChannelIndex.ANGULAR_VELOCITY:
+    if channel == ChannelIndex.ATTITUDE or channel == ChannelIndex.ANGULAR_VELOCITY:
         return min(filter.lag[ChannelIndex.ANGULAR_VELOCITY], _LONGEST_UNSEEN)
     return 0.0
 
 
-def _moved(c: int, acceleration: float, time: float) -> float:
-    """Return the change of what channel c reads under a constant acceleration for a time [s]."""
-    for _ in range(filtering.orders_of(c)):
+def _moved(channel: int, acceleration: float, time: float) -> float:
+    """Return the change of what a channel reads under a constant acceleration for a time [s]."""
+    for _ in range(filtering.orders_of(channel)):
         acceleration *= time
-    return acceleration / max(filtering.orders_of(c), 1)
+    return acceleration / max(filtering.orders_of(channel), 1)
 
 
-def _is_velocity_unseen(filter: FilterMemory, c: int) -> bool:
-    """Return whether no DVL has been used for so long that channel c alone tells of the
+def _is_velocity_unseen(filter: FilterMemory, channel: int) -> bool:
+    """Return whether no DVL has been used for so long that a channel alone tells of the
     velocity.
     """
-    return filter.stamp[c] - filter.used[ChannelIndex.LINEAR_VELOCITY] > filter.recovery[c] / 2.0
+    return (
+        filter.stamp[channel] - filter.used[ChannelIndex.LINEAR_VELOCITY]
+        > filter.recovery[channel] / 2.0
+    )
 
 
-def _is_place(c: int) -> bool:
-    return c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
+def _is_place(channel: int) -> bool:
+    return channel == ChannelIndex.POSITION or channel == ChannelIndex.DEPTH
 
 
 def record_outcome(
-    filter: FilterMemory, c: int, squared: float, degrees: int, believed: bool
+    filter: FilterMemory, channel: int, squared: float, degrees: int, believed: bool
 ) -> None:
-    """Record the outcome for the fresh reading of channel c: `squared` and its degrees of
+    """Record the outcome for the fresh reading of a channel: `squared` and its degrees of
     freedom.
     """
-    outcome = filter.outcome[c]
-    outcome[0] = filter.stamp[c]
+    outcome = filter.outcome[channel]
+    outcome[0] = filter.stamp[channel]
     outcome[1] = squared
     outcome[2] = degrees
     outcome[3] = believed
     if believed:
-        filter.used[c] = filter.stamp[c]
+        filter.used[channel] = filter.stamp[channel]
 
 
 # Readings of the vehicle's channels.
@@ -246,123 +258,132 @@ def fuse(filter: FilterMemory) -> None:
         # The reading before has made an acceleration, which this one may end: no fix is to blame a
         # bias for it.
         _ingest(filter, velocity)
-    for c in range(filtering.N_VEHICLE):
-        if filter.fresh[c] != 0.0:
-            _ingest(filter, c)
-    for c in range(filtering.N_VEHICLE):
-        if filter.lag[c] > 0.0:
-            free_expired(filter, c, filter.owner, filter.taken, SLOTS)
-            if is_due(filter, c):
-                _clone(filter, c)
+    for channel in range(filtering.N_VEHICLE):
+        if filter.fresh[channel] != 0.0:
+            _ingest(filter, channel)
+    for channel in range(filtering.N_VEHICLE):
+        if filter.lag[channel] > 0.0:
+            free_expired(filter, channel, filter.owner, filter.taken, SLOTS)
+            if is_due(filter, channel):
+                _clone(filter, channel)
 
 
-def _corrected_by(c: int) -> int:
+def _corrected_by(channel: int) -> int:
     """Return the part that a channel alone can put right."""
-    if c == ChannelIndex.ATTITUDE:
+    if channel == ChannelIndex.ATTITUDE:
         return Part.TURN
-    if c == ChannelIndex.ANGULAR_VELOCITY:
+    if channel == ChannelIndex.ANGULAR_VELOCITY:
         return Part.SPIN
-    if c == ChannelIndex.LINEAR_VELOCITY:
+    if channel == ChannelIndex.LINEAR_VELOCITY:
         return Part.SPEED
-    if c == ChannelIndex.SPECIFIC_FORCE:
+    if channel == ChannelIndex.SPECIFIC_FORCE:
         return Part.ACCELERATION
-    if c == ChannelIndex.ALTIMETER_RANGE:
+    if channel == ChannelIndex.ALTIMETER_RANGE:
         return Part.FLOOR
-    if c == ChannelIndex.POSITION:
+    if channel == ChannelIndex.POSITION:
         return Part.PLACE
     return Part.PLACE + 2
 
 
-def _is_blind(filter: FilterMemory, c: int) -> bool:
+def _is_blind(filter: FilterMemory, channel: int) -> bool:
     """Return whether a channel means nothing as the attitude is unknown."""
-    return c >= ChannelIndex.LINEAR_VELOCITY and vehicle.is_unknown(filter, Part.TURN, 3)
+    return channel >= ChannelIndex.LINEAR_VELOCITY and vehicle.is_unknown(filter, Part.TURN, 3)
 
 
-def _is_uninitialised(filter: FilterMemory, c: int) -> bool:
+def _is_uninitialised(filter: FilterMemory, channel: int) -> bool:
     """Return whether a channel's next reading is the first."""
     # Channels whose first reading is taken for the truth.
-    absolute = c == ChannelIndex.ATTITUDE or c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
-    return (absolute or c == ChannelIndex.ALTIMETER_RANGE) and vehicle.is_unknown(
-        filter, _corrected_by(c), rows_of(c)
+    absolute = (
+        channel == ChannelIndex.ATTITUDE
+        or channel == ChannelIndex.POSITION
+        or channel == ChannelIndex.DEPTH
+    )
+    return (absolute or channel == ChannelIndex.ALTIMETER_RANGE) and vehicle.is_unknown(
+        filter, _corrected_by(channel), rows_of(channel)
     )
 
 
-def _ingest(filter: FilterMemory, c: int) -> None:
-    if not _is_usable(filter, c):
+def _ingest(filter: FilterMemory, channel: int) -> None:
+    if not _is_usable(filter, channel):
         return
-    filter.last[c] = filter.stamp[c]
-    if c == ChannelIndex.ALTIMETER_RANGE and math.isnan(filter.value[c][0]):
-        filter.used[c] = filter.stamp[c]  # no echo is an answer too
+    filter.last[channel] = filter.stamp[channel]
+    if channel == ChannelIndex.ALTIMETER_RANGE and math.isnan(filter.value[channel][0]):
+        filter.used[channel] = filter.stamp[channel]  # no echo is an answer too
         return
-    update_lag(filter, c)
-    if _is_blind(filter, c):
+    update_lag(filter, channel)
+    if _is_blind(filter, channel):
         return
-    if _is_uninitialised(filter, c):
-        _initialise(filter, c)
+    if _is_uninitialised(filter, channel):
+        _initialise(filter, channel)
         return
-    slot = nearest_clone(filter, c, filter.owner, filter.taken, SLOTS)
+    slot = nearest_clone(filter, channel, filter.owner, filter.taken, SLOTS)
     if slot != NONE:
-        _gate(filter, c, slot, filter.stamp[c] - (filter.now if slot < 0 else filter.taken[slot]))
+        _gate(
+            filter,
+            channel,
+            slot,
+            filter.stamp[channel] - (filter.now if slot < 0 else filter.taken[slot]),
+        )
 
 
-def _is_usable(filter: FilterMemory, c: int) -> bool:
+def _is_usable(filter: FilterMemory, channel: int) -> bool:
     """Return whether the fresh reading is one: of a size that can be, newer than the last, not of
     the future.
     """
-    value = filter.value[c]
-    if not is_of_now(filter, c):
+    value = filter.value[channel]
+    if not is_of_now(filter, channel):
         return False
-    if c == ChannelIndex.ALTIMETER_RANGE:
+    if channel == ChannelIndex.ALTIMETER_RANGE:
         return math.isnan(value[0]) or 0.0 <= value[0] <= filtering.LARGEST
-    for i in range(rows_of(c)):
+    for i in range(rows_of(channel)):
         if not abs(value[i]) <= filtering.LARGEST:
             return False
-    return c != ChannelIndex.ATTITUDE or abs(vehicle.norm(value) - 1.0) <= 1e-3
+    return channel != ChannelIndex.ATTITUDE or abs(vehicle.norm(value) - 1.0) <= 1e-3
 
 
-def _initialise(filter: FilterMemory, c: int) -> None:
+def _initialise(filter: FilterMemory, channel: int) -> None:
     """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned
     before can be right.
     """
     predicted = filter.predicted
-    first = _corrected_by(c)
-    age = filter.now - filter.stamp[c]
-    value = filter.value[c]
+    first = _corrected_by(channel)
+    age = filter.now - filter.stamp[channel]
+    value = filter.value[channel]
     moved = zeros(3)
-    noise = filter.sigma[c] * filter.sigma[c]
-    vehicle.predict_measurement(filter, c, vehicle.active(filter))
+    noise = filter.sigma[channel] * filter.sigma[channel]
+    vehicle.predict_measurement(filter, channel, vehicle.active(filter))
     if (
-        noise + vehicle.process_variance(filter, c, age)
+        noise + vehicle.process_variance(filter, channel, age)
         > filtering.UNKNOWN * filter.limit[first] * filter.limit[first]
     ):
         return
     for slot in range(SLOTS):
         filter.owner[slot] = -1.0
     n = vehicle.active(filter)
-    vehicle.predict_measurement(filter, c, n)
-    filter.used[c] = filter.stamp[c]
-    if c == ChannelIndex.ALTIMETER_RANGE:
+    vehicle.predict_measurement(filter, channel, n)
+    filter.used[channel] = filter.stamp[channel]
+    if channel == ChannelIndex.ALTIMETER_RANGE:
         _set_floor(filter, age, n)
         return
-    late = vehicle.process_variance(filter, c, age)
+    late = vehicle.process_variance(filter, channel, age)
     for i in range(3):
         moved[i] = age * predicted.rate[i] - age * age / 2.0 * vehicle.second_derivative(
-            filter, c, i
+            filter, channel, i
         )
-    for i in range(rows_of(c)):
+    for i in range(rows_of(channel)):
         vehicle.clear(filter, first + i, n, noise + late)
-    if c == ChannelIndex.ATTITUDE:
+    if channel == ChannelIndex.ATTITUDE:
         size = vehicle.norm(value)
         for i in range(4):
             filter.turn[i] = value[i] / size
         vehicle.turn_by(filter.turn, moved)
         return
-    for i in range(rows_of(c)):
+    for i in range(rows_of(channel)):
         filter.x[first + i] = value[i] + moved[i]
 
 
 def _set_floor(filter: FilterMemory, age: float, n: int) -> None:
-    c = int(ChannelIndex.ALTIMETER_RANGE)
+    channel = int(ChannelIndex.ALTIMETER_RANGE)
     at = int(Part.FLOOR)
     predicted = filter.predicted
     R = zeros(9)
@@ -371,13 +392,15 @@ def _set_floor(filter: FilterMemory, age: float, n: int) -> None:
     arm = 0.0
     if cosine <= STEEP:
         return
-    noise = cosine * filter.sigma[c]
+    noise = cosine * filter.sigma[channel]
     vehicle.rotation(filter.turn, R)
     for i in range(3):
         arm += R[6 + i] * filter.beam_at[i]
-    late = vehicle.process_variance(filter, c, age)
-    moved = age * predicted.rate[0] - age * age / 2.0 * vehicle.second_derivative(filter, c, 0)
-    filter.x[at] = filter.x[Part.PLACE + 2] + arm - (cosine * filter.value[c][0] + moved)
+    late = vehicle.process_variance(filter, channel, age)
+    moved = age * predicted.rate[0] - age * age / 2.0 * vehicle.second_derivative(
+        filter, channel, 0
+    )
+    filter.x[at] = filter.x[Part.PLACE + 2] + arm - (cosine * filter.value[channel][0] + moved)
     floor_variance = predicted.S[0][0] + 2.0 * row[at] + filter.P[at][at]
     for j in range(n):  # of the height of the altimeter
         row[j] += filter.P[j][at] if j < at else filter.P[at][j]
@@ -386,48 +409,48 @@ def _set_floor(filter: FilterMemory, age: float, n: int) -> None:
     for j in range(at, n):
         filter.P[at][j] = row[j]
     filter.P[at][at] = floor_variance + noise * noise + late
-    filter.echo = filter.stamp[c]
+    filter.echo = filter.stamp[channel]
 
 
-def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
+def _gate(filter: FilterMemory, channel: int, slot: int, delta: float) -> None:
     """Gate a reading, and fuse it where it is consistent."""
     nu = zeros(3)
-    rows = rows_of(c)
+    rows = rows_of(channel)
     predicted = filter.predicted
-    vehicle.recall_measurement(filter, c, slot, vehicle.active(filter))
-    if c == ChannelIndex.ALTIMETER_RANGE and predicted.h[1] <= STEEP:
+    vehicle.recall_measurement(filter, channel, slot, vehicle.active(filter))
+    if channel == ChannelIndex.ALTIMETER_RANGE and predicted.h[1] <= STEEP:
         return
-    _innovation(filter, c, delta, nu)
-    noise = _noise(filter, c, delta)
-    granted = max(planned_allowance(filter, c), jolt_allowance(filter, c))
+    _innovation(filter, channel, delta, nu)
+    noise = _noise(filter, channel, delta)
+    granted = max(planned_allowance(filter, channel), jolt_allowance(filter, channel))
     squared = _squared_innovation(filter, noise, rows, nu)
     size = nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
-    believed = _squared_innovation(filter, noise + granted, rows, nu) <= filter.gate[c]
+    believed = _squared_innovation(filter, noise + granted, rows, nu) <= filter.gate[channel]
     # The estimate may be wrong where the channel contradicts it, but not the height, which fixes
     # tell too.
     not_by_fixes = (
-        c != ChannelIndex.DEPTH
-        or filter.stamp[c] - filter.used[ChannelIndex.POSITION] > filter.recovery[c]
+        channel != ChannelIndex.DEPTH
+        or filter.stamp[channel] - filter.used[ChannelIndex.POSITION] > filter.recovery[channel]
     )
     if believed:
-        filter.since[c] = math.nan
-        if squared > filter.gate[c]:
-            filter.surprise[c] = math.sqrt(size)
-            _inflate_surprised(filter, c, size)
-            vehicle.recall_measurement(filter, c, slot, vehicle.active(filter))
+        filter.since[channel] = math.nan
+        if squared > filter.gate[channel]:
+            filter.surprise[channel] = math.sqrt(size)
+            _inflate_surprised(filter, channel, size)
+            vehicle.recall_measurement(filter, channel, slot, vehicle.active(filter))
         else:
-            filter.surprise[c] = 0.0
+            filter.surprise[channel] = 0.0
     elif (
         not_by_fixes
         and math.isfinite(squared)
         and math.isfinite(size)
-        and _is_consistent(filter, c, 2.0 * noise + granted, nu)
+        and _is_consistent(filter, channel, 2.0 * noise + granted, nu)
     ):
         believed = True
-        _relax(filter, c, size)
-        vehicle.recall_measurement(filter, c, slot, vehicle.active(filter))
-    record_outcome(filter, c, squared, rows, believed)
-    if c == ChannelIndex.LINEAR_VELOCITY:
+        _relax(filter, channel, size)
+        vehicle.recall_measurement(filter, channel, slot, vehicle.active(filter))
+    record_outcome(filter, channel, squared, rows, believed)
+    if channel == ChannelIndex.LINEAR_VELOCITY:
         # Innovation-based adaptive estimation ([Mehra1972]): squared innovations per degree of
         # freedom have a mean of one where the process noise is right, and a vehicle that follows
         # its commands jerks less than vehicles can.
@@ -436,20 +459,20 @@ def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
             max(filter.jerk_share * math.exp(change), filter.least_jerk_share), 1.0
         )
     if believed:
-        if c == ChannelIndex.ALTIMETER_RANGE:
-            filter.echo = filter.stamp[c]
-        _correct(filter, c, nu, noise)
+        if channel == ChannelIndex.ALTIMETER_RANGE:
+            filter.echo = filter.stamp[channel]
+        _correct(filter, channel, nu, noise)
 
 
-def _innovation(filter: FilterMemory, c: int, delta: float, nu: Vector) -> None:
+def _innovation(filter: FilterMemory, channel: int, delta: float, nu: Vector) -> None:
     """Compute the innovation (rows,): measured minus predicted measurement, which is carried on by
     delta [s].
     """
     predicted = filter.predicted
-    value = filter.value[c]
-    if c != ChannelIndex.ATTITUDE:
-        scale = predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0
-        for i in range(rows_of(c)):
+    value = filter.value[channel]
+    if channel != ChannelIndex.ATTITUDE:
+        scale = predicted.h[1] if channel == ChannelIndex.ALTIMETER_RANGE else 1.0
+        for i in range(rows_of(channel)):
             nu[i] = value[i] * scale - predicted.h[i] - delta * predicted.rate[i]
         return
     by = zeros(3)
@@ -474,11 +497,13 @@ def _innovation(filter: FilterMemory, c: int, delta: float, nu: Vector) -> None:
         nu[i] = share * error[i]
 
 
-def _noise(filter: FilterMemory, c: int, delta: float) -> float:
+def _noise(filter: FilterMemory, channel: int, delta: float) -> float:
     """Return the variance of the noise of each entry of a reading."""
-    sigma = filter.sigma[c] * (filter.predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
+    sigma = filter.sigma[channel] * (
+        filter.predicted.h[1] if channel == ChannelIndex.ALTIMETER_RANGE else 1.0
+    )
     walk = 0.0
-    if c == ChannelIndex.SPECIFIC_FORCE:
+    if channel == ChannelIndex.SPECIFIC_FORCE:
         walk = filter.drive[filtering.ProcessNoise.JERK] * filter.drive[filtering.ProcessNoise.JERK]
     return (
         sigma * sigma + delta * delta * max(filter.predicted.rate_variance, 0.0) + abs(delta) * walk
@@ -496,96 +521,102 @@ def _squared_innovation(filter: FilterMemory, more: float, n: int, nu: Vector) -
     return total
 
 
-def _is_consistent(filter: FilterMemory, c: int, more: float, nu: Vector) -> bool:
+def _is_consistent(filter: FilterMemory, channel: int, more: float, nu: Vector) -> bool:
     """Return whether a reading outside the gate agrees with those before it, for long enough; a
     nearer floor needs no witness.
     """
     change = zeros(3)
-    refused = filter.refused[c]
-    rows = rows_of(c)
+    refused = filter.refused[channel]
+    rows = rows_of(channel)
     for i in range(rows):
         change[i] = nu[i] - refused[i]
     agrees = (
-        math.isfinite(filter.since[c])
-        and _squared_innovation(filter, more, rows, change) <= filter.gate[c]
+        math.isfinite(filter.since[channel])
+        and _squared_innovation(filter, more, rows, change) <= filter.gate[channel]
     )
     if not agrees:
-        filter.since[c] = filter.stamp[c]
+        filter.since[channel] = filter.stamp[channel]
     refused[:rows] = nu[:rows]
-    if c == ChannelIndex.ALTIMETER_RANGE and nu[0] < 0.0:
+    if channel == ChannelIndex.ALTIMETER_RANGE and nu[0] < 0.0:
         return True
-    return agrees and filter.stamp[c] - filter.since[c] >= filter.recovery[c] - EARLY
+    return (
+        agrees and filter.stamp[channel] - filter.since[channel] >= filter.recovery[channel] - EARLY
+    )
 
 
-def _relax(filter: FilterMemory, c: int, squared: float) -> None:
+def _relax(filter: FilterMemory, channel: int, squared: float) -> None:
     """Inflate the variance of the part that this channel alone observes, now and in its clones, by
     a common error.
     """
     for slot in range(SLOTS):
-        if filter.owner[slot] != c:
+        if filter.owner[slot] != channel:
             filter.owner[slot] = -1.0
-    filter.since[c] = math.nan
-    _inflate_own(filter, c, filtering.GATE_RELAXATION * squared, 0.0)
-    if not _is_place(c):
+    filter.since[channel] = math.nan
+    _inflate_own(filter, channel, filtering.GATE_RELAXATION * squared, 0.0)
+    if not _is_place(channel):
         return
     # It took the time of recovery to go so far: with a speed that nobody knew of, or an
     # acceleration.
-    time = filter.recovery[c]
+    time = filter.recovery[channel]
     speed = min(
         filtering.EXPOSED * filtering.EXPOSED, filtering.GATE_RELAXATION * squared / (time * time)
     )
-    for i in range(_corrected_by(c), _corrected_by(c) + rows_of(c)):
+    for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
         filter.P[i + 3][i + 3] += speed
         filter.P[i + 6][i + 6] += speed / (time * time)
 
 
-def _inflate_surprised(filter: FilterMemory, c: int, squared: float) -> None:
+def _inflate_surprised(filter: FilterMemory, channel: int, squared: float) -> None:
     """Inflate the variances where the robot has moved as the process model did not expect, or what
     carries the estimate is biased.
 
     The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again
     soon.
     """
-    if filtering.orders_of(c) > 1:
-        time = time_since_accepted(filter, c)
+    if filtering.orders_of(channel) > 1:
+        time = time_since_accepted(filter, channel)
     else:
         time = 1.0
-    if c <= ChannelIndex.ANGULAR_VELOCITY:
+    if channel <= ChannelIndex.ANGULAR_VELOCITY:
         bias = int(Part.GYRO_BIAS)
     else:
         bias = int(Part.DVL_BIAS)
-    if c == ChannelIndex.LINEAR_VELOCITY:
+    if channel == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
     _inflate_own(
-        filter, c, squared, 1.0 / time if _is_place(c) and _is_velocity_unseen(filter, c) else 0.0
+        filter,
+        channel,
+        squared,
+        1.0 / time if _is_place(channel) and _is_velocity_unseen(filter, channel) else 0.0,
     )
-    unseen = _unseen_turning_time(filter, c)
-    if c == ChannelIndex.ATTITUDE and unseen > 0.0:
+    unseen = _unseen_turning_time(filter, channel)
+    if channel == ChannelIndex.ATTITUDE and unseen > 0.0:
         # A late gyro has not told of this turn yet: that is no bias of it.
         for i in range(int(Part.SPIN), int(Part.SPIN) + 3):
             filter.P[i][i] += squared / (unseen * unseen)
-    elif c <= ChannelIndex.DEPTH:
+    elif channel <= ChannelIndex.DEPTH:
         for i in range(bias, bias + 3):
             filter.P[i][i] += squared / (time * time)
 
 
-def _inflate_own(filter: FilterMemory, c: int, variance: float, rate: float) -> None:
+def _inflate_own(filter: FilterMemory, channel: int, variance: float, rate: float) -> None:
     """Add a common error of a variance to what the channel alone can put right, now and in its
     clones.
 
     rate [1/s]: by which it has grown, where nothing but the channel tells of the velocity.
     """
-    rows = rows_of(c)
+    rows = rows_of(channel)
     n = vehicle.active(filter)
-    first = _corrected_by(c)
+    first = _corrected_by(channel)
     R = zeros(9)
     predicted = filter.predicted
     if (
-        c == ChannelIndex.ANGULAR_VELOCITY
-        and filter.used[ChannelIndex.ATTITUDE] - filter.used[c] > filter.recovery[c] / 2.0
+        channel == ChannelIndex.ANGULAR_VELOCITY
+        and filter.used[ChannelIndex.ATTITUDE] - filter.used[channel]
+        > filter.recovery[channel] / 2.0
     ):
         first = int(Part.GYRO_BIAS)  # the angular velocity follows from attitudes by now
-    in_body = c == ChannelIndex.LINEAR_VELOCITY or c == ChannelIndex.SPECIFIC_FORCE
+    in_body = channel == ChannelIndex.LINEAR_VELOCITY or channel == ChannelIndex.SPECIFIC_FORCE
     vehicle.rotation(filter.turn, R)
     for i in range(3):
         for j in range(n):
@@ -595,13 +626,13 @@ def _inflate_own(filter: FilterMemory, c: int, variance: float, rate: float) -> 
         if rate > 0.0:
             predicted.HP[i][first + 3 + i] = rate
     for slot in range(SLOTS):
-        if filter.owner[slot] == c:
+        if filter.owner[slot] == channel:
             for i in range(rows):
                 for j in range(rows):
                     if i != j:
                         correlation = 0.0
                     else:
-                        correlation = -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
+                        correlation = -1.0 if channel == ChannelIndex.ALTIMETER_RANGE else 1.0
                     predicted.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else correlation
     u = predicted.HP[0]
     v = predicted.HP[1]
@@ -611,12 +642,12 @@ def _inflate_own(filter: FilterMemory, c: int, variance: float, rate: float) -> 
             filter.P[i][j] += variance * (u[i] * u[j] + v[i] * v[j] + w[i] * w[j])
 
 
-def _correct(filter: FilterMemory, c: int, nu: Vector, noise: float) -> None:
+def _correct(filter: FilterMemory, channel: int, nu: Vector, noise: float) -> None:
     """Correct the state by the Kalman update. Echoes move the floor alone, and its clones: they do
     not tell where the vehicle is.
     """
     predicted = filter.predicted
-    rows = rows_of(c)
+    rows = rows_of(channel)
     n = vehicle.active(filter)
     dx = filter.change
     u = predicted.HP[0]
@@ -629,7 +660,7 @@ def _correct(filter: FilterMemory, c: int, nu: Vector, noise: float) -> None:
     if rows == 1:
         for j in range(n):
             dx[j] = u[j] * nu[0]
-        _lose_one(filter, u, n, c == ChannelIndex.ALTIMETER_RANGE)
+        _lose_one(filter, u, n, channel == ChannelIndex.ALTIMETER_RANGE)
     else:
         for j in range(n):
             v[j] = (v[j] - predicted.L[1][0] * u[j]) / predicted.L[1][1]
@@ -676,30 +707,30 @@ def _apply(filter: FilterMemory, dx: Vector) -> None:
     for i in range(int(Part.PLACE), MAIN):
         filter.x[i] += dx[i]
     for slot in range(SLOTS):
-        c = int(filter.owner[slot])
+        channel = int(filter.owner[slot])
         h = filter.h[slot]
         change = zeros(3)
-        if c >= 0:
+        if channel >= 0:
             for i in range(3):
                 change[i] = dx[MAIN + 3 * slot + i]
-            if c == ChannelIndex.ATTITUDE:
+            if channel == ChannelIndex.ATTITUDE:
                 vehicle.turn_by(h, change)
             else:
-                for i in range(rows_of(c)):
+                for i in range(rows_of(channel)):
                     h[i] += change[i]
 
 
-def _clone(filter: FilterMemory, c: int) -> None:
-    """Keep what channel c sees now, with its covariances, until its reading arrives."""
+def _clone(filter: FilterMemory, channel: int) -> None:
+    """Keep what a channel sees now, with its covariances, until its reading arrives."""
     predicted = filter.predicted
     slot = free_slot(filter.owner, SLOTS)
     before = vehicle.active(filter)
-    rows = rows_of(c)
-    if slot < 0 or _is_blind(filter, c) or _is_uninitialised(filter, c):
+    rows = rows_of(channel)
+    if slot < 0 or _is_blind(filter, channel) or _is_uninitialised(filter, channel):
         return
     at = MAIN + 3 * slot
-    vehicle.predict_measurement(filter, c, before)
-    filter.owner[slot] = c
+    vehicle.predict_measurement(filter, channel, before)
+    filter.owner[slot] = channel
     filter.taken[slot] = filter.now
     filter.rate_variance[slot] = predicted.rate_variance
     filter.h[slot][:] = predicted.h

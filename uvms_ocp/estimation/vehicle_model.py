@@ -401,11 +401,11 @@ def inflate_velocity_variance(filter: FilterMemory, rests: bool) -> None:
 # What each channel of the vehicle sees of the estimate.
 
 
-def predict_measurement(filter: FilterMemory, c: int, n: int) -> None:
-    """Predict the measurement of channel c now, with its covariances with the first n errors."""
+def predict_measurement(filter: FilterMemory, channel: int, n: int) -> None:
+    """Predict the measurement of a channel now, with its covariances with the first n errors."""
     predicted = filter.predicted
-    rows = filtering.rows_of(c)
-    _model(filter, predicted, c)
+    rows = filtering.rows_of(channel)
+    _model(filter, predicted, channel)
     for i in range(rows):
         for j in range(n):
             predicted.HP[i][j] = 0.0
@@ -423,33 +423,33 @@ def predict_measurement(filter: FilterMemory, c: int, n: int) -> None:
                 predicted.S[i][j] += predicted.HP[i][k] * predicted.H[j][k]
 
 
-def _model(filter: FilterMemory, predicted: PredictedMeasurement, c: int) -> None:
+def _model(filter: FilterMemory, predicted: PredictedMeasurement, channel: int) -> None:
     for i in range(3):
         predicted.rate[i] = 0.0
         for k in range(MAIN):
             predicted.H[i][k] = 0.0
     for i in range(4):
-        predicted.h[i] = filter.turn[i] if c == ChannelIndex.ATTITUDE else 0.0
-    if c == ChannelIndex.ATTITUDE:
+        predicted.h[i] = filter.turn[i] if channel == ChannelIndex.ATTITUDE else 0.0
+    if channel == ChannelIndex.ATTITUDE:
         _see(filter, predicted, Part.TURN, Part.SPIN)
-    elif c == ChannelIndex.ANGULAR_VELOCITY:
+    elif channel == ChannelIndex.ANGULAR_VELOCITY:
         for i in range(3):
             predicted.h[i] = filter.x[Part.SPIN + i] + filter.x[Part.GYRO_BIAS + i]
             predicted.H[i][Part.GYRO_BIAS + i] = 1.0
         _see(filter, predicted, Part.SPIN, Part.SPIN_UP)
-    elif c == ChannelIndex.POSITION:
+    elif channel == ChannelIndex.POSITION:
         for i in range(3):
             predicted.h[i] = filter.x[Part.PLACE + i]
         _see(filter, predicted, Part.PLACE, Part.SPEED)
-    elif c == ChannelIndex.DEPTH:
+    elif channel == ChannelIndex.DEPTH:
         predicted.h[0] = filter.x[Part.PLACE + 2]
         predicted.rate[0] = filter.x[Part.SPEED + 2]
         predicted.H[0][Part.PLACE + 2] = 1.0
         predicted.rate_variance = filter.P[Part.SPEED + 2][Part.SPEED + 2]
-    elif c == ChannelIndex.ALTIMETER_RANGE:
+    elif channel == ChannelIndex.ALTIMETER_RANGE:
         _see_floor(filter, predicted)
     else:
-        _see_in_body(filter, predicted, c == ChannelIndex.SPECIFIC_FORCE)
+        _see_in_body(filter, predicted, channel == ChannelIndex.SPECIFIC_FORCE)
 
 
 def _see(filter: FilterMemory, predicted: PredictedMeasurement, part: int, rate: int) -> None:
@@ -527,22 +527,22 @@ def _see_floor(filter: FilterMemory, predicted: PredictedMeasurement) -> None:
     predicted.rate_variance = filter.P[Part.SPEED + 2][Part.SPEED + 2]
 
 
-def recall_measurement(filter: FilterMemory, c: int, slot: int, n: int) -> None:
-    """Predict the measurement of channel c at the time of a clone, -1 for now."""
+def recall_measurement(filter: FilterMemory, channel: int, slot: int, n: int) -> None:
+    """Predict the measurement of a channel at the time of a clone, -1 for now."""
     if slot < 0:
-        predict_measurement(filter, c, n)
+        predict_measurement(filter, channel, n)
         return
     predicted = filter.predicted
     at = MAIN + 3 * slot
     predicted.h[:] = filter.h[slot]
     predicted.rate[:] = filter.rate[slot]
     predicted.rate_variance = filter.rate_variance[slot]
-    for i in range(filtering.rows_of(c)):
+    for i in range(filtering.rows_of(channel)):
         for j in range(at + i):
             predicted.HP[i][j] = filter.P[j][at + i]
         for j in range(at + i, n):
             predicted.HP[i][j] = filter.P[at + i][j]
-        for j in range(filtering.rows_of(c)):
+        for j in range(filtering.rows_of(channel)):
             predicted.S[i][j] = filter.P[min(at + i, at + j)][max(at + i, at + j)]
 
 
@@ -569,16 +569,16 @@ def divide(predicted: PredictedMeasurement, n: int, x: Vector) -> None:
         x[i] /= predicted.L[i][i]
 
 
-def second_derivative(filter: FilterMemory, c: int, i: int) -> float:
+def second_derivative(filter: FilterMemory, channel: int, i: int) -> float:
     """Return entry i of the second derivative of what a channel that sets a part sees."""
-    if c == ChannelIndex.ATTITUDE:
+    if channel == ChannelIndex.ATTITUDE:
         return filter.x[Part.SPIN_UP + i]
-    return filter.x[Part.ACCELERATION + (i if filtering.rows_of(c) == 3 else 2)]
+    return filter.x[Part.ACCELERATION + (i if filtering.rows_of(channel) == 3 else 2)]
 
 
-def process_variance(filter: FilterMemory, c: int, age: float) -> float:
+def process_variance(filter: FilterMemory, channel: int, age: float) -> float:
     """Return the variance of the way since a reading of an age [s], by the predicted measurement."""
-    turns = c == ChannelIndex.ATTITUDE
+    turns = channel == ChannelIndex.ATTITUDE
     squared = age * age
     drive = filter.drive[ProcessNoise.ANGULAR_JERK if turns else ProcessNoise.JERK]
     second = mean_variance(filter, Part.SPIN_UP if turns else Part.ACCELERATION)

@@ -144,7 +144,9 @@ def _sphere(name: str, shape: data.Sphere, rho: float) -> LinkHydrodynamics:
 
 
 def _strips(width: float, length: float) -> float:
-    """Moment of ``|x omega| (x omega)`` over a plate of this width that turns about its middle [m5]."""
+    """Integrate the moment of ``|x omega| (x omega)`` over a plate of a width that turns about its
+    middle [m5].
+    """
     return width * length**4 / 32
 
 

@@ -292,7 +292,7 @@ class JointDescription(_Section):
 
 
 class SensorDescription(_Section):
-    """One channel of the sensors; what is left out is as in
+    """One channel of the sensors; what is left out has the default of
     `uvms_ocp.robot.signals.SensorSpecs`.
     """
 

@@ -1,4 +1,4 @@
-"""Whether drag takes energy out of every motion, or feeds some.
+"""Check whether drag takes energy out of every motion, or feeds some.
 
 At nu the water gets the power ``L(nu) + C(nu)``, ``L = nu.T D_lin nu`` and ``C = sum_ij Q_ij nu_i
 |nu_j| nu_j`` from the matrices of `uvms_ocp.robot.hydrodynamics.damping_matrix`. In a given
@@ -9,7 +9,7 @@ L is not if the symmetric part of D_lin has no negative eigenvalue, and only the
 
 C is not if there are weights ``d_k > 0`` with, for every axis k,
 
-    sum_{j != k} |Q_kj| d_j^2  +  2 sum_{i != k} |Q_ik| d_i d_k  <=  3 Q_kk d_k^2.
+sum_{j != k} |Q_kj| d_j^2  +  2 sum_{i != k} |Q_ik| d_i d_k  <=  3 Q_kk d_k^2.
 
 Proof, with ``x_k = |nu_k| / d_k``: every coupling takes ``-|Q_ij| d_i d_j^2 x_i x_j^2`` at worst,
 and ``x_i x_j^2`` is at most ``(x_i^3 + 2 x_j^3) / 3``, the geometric mean of x_i^3, x_j^3, x_j^3
@@ -31,8 +31,8 @@ import numpy as np
 _STEPS = 200  # of the search for weights, which gains a digit in 5 to 20 steps
 _ROUNDING = 1e-9
 _LEAST_DRAG = 1e-27
-"""Of the largest entry, for drag of an axis: the third root of it, 1e-9, is what couplings may then
-be.
+"""Least drag of an axis, as a share of the largest entry; couplings may then be its third root,
+1e-9.
 """
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=6)))
 """All signs (64, 6) of a velocity."""

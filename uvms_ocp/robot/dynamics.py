@@ -44,7 +44,8 @@ class Dynamics(FieldTable):
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER
     ) -> np.ndarray:
-        """Generalized force tau (n_v,) [N, N m] for the acceleration a (n_v,) [m/s2, rad/s2].
+        """Compute the generalized force tau (n_v,) [N, N m] for the acceleration a (n_v,) [m/s2,
+        rad/s2].
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
@@ -55,7 +56,8 @@ class Dynamics(FieldTable):
     def forward_dynamics(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER
     ) -> np.ndarray:
-        """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau (n_v,) [N, N m].
+        """Compute the acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau (n_v,)
+        [N, N m].
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
@@ -64,22 +66,22 @@ class Dynamics(FieldTable):
         return self._evaluate("forward_dynamics", q, v, tau, u, Du_Dt)
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
-        """Generalized force (n_v,) [N, N m] for zero acceleration: ``C v + D v + g``.
+        """Compute the generalized force (n_v,) [N, N m] for zero acceleration: ``C v + D v + g``.
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
         return self._evaluate("bias_force", q, v, water.velocity.T, water.acceleration.T)
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
-        """Rigid-body plus added mass M (n_v, n_v) [kg, kg m, kg m2], symmetric, at q (n_q,) [m,
-        rad].
+        """Compute the rigid-body plus added mass M (n_v, n_v) [kg, kg m, kg m2], symmetric, at q
+        (n_q,) [m, rad].
         """
         n_v = self.symbolic.model.nv
         return self._evaluate("mass_matrix", q).reshape(n_v, n_v)
 
     def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
-        """Symmetric part of D(q, v_r) (n_v, n_v) [N/(m/s), N m/(rad/s)]: drag of all links and
-        joint friction.
+        """Compute the symmetric part of D(q, v_r) (n_v, n_v) [N/(m/s), N m/(rad/s)]: drag of all
+        links and joint friction.
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
@@ -87,28 +89,29 @@ class Dynamics(FieldTable):
         return self._evaluate("damping_matrix", q, v, water.velocity.T).reshape(n_v, n_v)
 
     def drag_slope(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
-        """Derivative (n_v, n_v) [N/(m/s), N m/(rad/s)] of drag and joint friction with respect to v
-        (n_v,) [m/s, rad/s], its symmetric part, at q (n_q,) [m, rad].
+        """Compute the derivative (n_v, n_v) [N/(m/s), N m/(rad/s)] of drag and joint friction with
+        respect to v (n_v,) [m/s, rad/s], its symmetric part, at q (n_q,) [m, rad].
         """
         n_v = self.symbolic.model.nv
         return self._evaluate("drag_slope", q, v, water.velocity.T).reshape(n_v, n_v)
 
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
-        """``1/2 v.T M v`` [J] at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+        """Compute the kinetic energy ``1/2 v.T M v`` [J] at q (n_q,) [m, rad] and v (n_v,) [m/s,
+        rad/s].
 
         With v relative to a uniform current it is the energy in the drifting frame.
         """
         return float(self._evaluate("kinetic_energy", q, v)[0])
 
     def potential_energy(self, q: ArrayLike) -> float:
-        """Potential energy of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of
-        W.
+        """Compute the potential energy of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the
+        origin of W.
         """
         return float(self._evaluate("potential_energy", q)[0])
 
     def link_positions(self, q: ArrayLike) -> np.ndarray:
-        """Positions in W (n_links, 3) [m] at which a sheared current acts on the links, at q (n_q,)
-        [m, rad].
+        """Return the positions in W (n_links, 3) [m] at which a sheared current acts on the links,
+        at q (n_q,) [m, rad].
         """
         return self._evaluate("link_positions", q).reshape(3, -1).T
 

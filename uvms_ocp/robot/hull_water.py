@@ -15,13 +15,16 @@ _ELLIPSOID = np.pi / 6.0  # volume over that of the box around it
 _CUBE = 0.68
 """Added mass of a cube over that of the water in it (DNV-RP-C205, table D-2)."""
 _SOLID = float(np.log(_CUBE / (0.5 * _ELLIPSOID)) / np.log(1.0 / _ELLIPSOID))
-"""Power of the share of the ellipsoid that a hull fills, above 1, with which a cube has `_CUBE`."""
+"""Exponent of the share of the ellipsoid that a hull fills, above 1, with which a cube has `_CUBE`.
+"""
 _SQUARE_PRISM = 0.725 / 16
-"""As in `uvms_ocp.robot.coefficients`: what the corners of a box add to the ellipsoid."""
+"""Added inertia of a long square prism over that of the water in it, which the corners of a box add
+to the ellipsoid.
+"""
 ADDED_MASS_INTERVAL = (0.3, 2.5)
 """Published added mass over the proposed one, in nine of ten entries."""
 DRAG_INTERVAL = (0.25, 6.0)
-"""Published quadratic drag over the proposed one, likewise."""
+"""Published quadratic drag over the proposed one, in nine of ten entries."""
 _TURNING = 3.0
 """Drag of a hull that turns over that of its bare faces: ducts and frames stand far out."""
 _FINE = 3.0  # longest side over the others, from which a hull is taken for a streamlined one

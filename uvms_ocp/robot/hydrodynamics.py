@@ -130,15 +130,15 @@ STILL_WATER = Water()
 
 
 def relative_velocity(nu: Array, u_L: Array) -> Array:
-    """``nu_r`` (6,) [m/s, rad/s] of a link with nu (6,) [m/s, rad/s] in water with u_L (3,)
+    """Compute ``nu_r`` (6,) [m/s, rad/s] of a link with nu (6,) [m/s, rad/s] in water with u_L (3,)
     [m/s].
     """
     return column(nu[:3] - u_L, nu[3:])
 
 
 def relative_acceleration(a: Array, nu: Array, u_L: Array, w_L: Array) -> Array:
-    """``nu_r_dot`` (6,) [m/s2, rad/s2]: of the link relative to the water at it, from accelerations
-    relative to free fall.
+    """Compute ``nu_r_dot`` (6,) [m/s2, rad/s2] of the link relative to the water at it, from
+    accelerations relative to free fall.
 
     a (6,) [m/s2, rad/s2] and nu (6,) [m/s, rad/s] of the link; w_L (3,) [m/s2] and u_L (3,) [m/s]
     of the water. In axes that turn with the link u_L changes by ``R_WL.T Du_Dt - omega x u_L`` for
@@ -148,8 +148,8 @@ def relative_acceleration(a: Array, nu: Array, u_L: Array, w_L: Array) -> Array:
 
 
 def added_mass_wrench(M_A: Array, nu_r: Array, nu_r_dot: Array) -> Array:
-    """``M_A nu_r_dot + C_A(nu_r) nu_r`` (6,) [N, N m], Kirchhoff's equations [Fossen2021, sec.
-    6.2].
+    """Compute ``M_A nu_r_dot + C_A(nu_r) nu_r`` (6,) [N, N m], Kirchhoff's equations [Fossen2021,
+    sec. 6.2].
 
     M_A (6, 6) [kg, kg m, kg m2]; nu_r (6,) [m/s, rad/s]; nu_r_dot (6,) [m/s2, rad/s2].
     """
@@ -162,8 +162,8 @@ def added_mass_wrench(M_A: Array, nu_r: Array, nu_r_dot: Array) -> Array:
 
 
 def flow_speeds(nu_r: Array, by_flow: bool) -> Array:
-    """Speeds (6,) [m/s, rad/s] that quadratic drag counts at nu_r (6,) [m/s, rad/s]: along each
-    axis, or of the whole flow.
+    """Return the speeds (6,) [m/s, rad/s] that quadratic drag counts at nu_r (6,) [m/s, rad/s]:
+    along each axis, or of the whole flow.
 
     By axes the same body is dragged less along a diagonal of its axes than along an axis, by up to
     42 %. By the flow its force is ``-q_i |u| u_i``: the same on the axes, an ellipsoid between them.
@@ -177,7 +177,7 @@ def flow_speeds(nu_r: Array, by_flow: bool) -> Array:
 def damping_matrix(
     linear_drag: Array, quadratic_drag: Array, nu_r: Array, by_flow: bool = False
 ) -> Array:
-    """``D(nu_r)`` (6, 6) [N/(m/s), N m/(rad/s)] at nu_r (6,) [m/s, rad/s].
+    """Compute ``D(nu_r)`` (6, 6) [N/(m/s), N m/(rad/s)] at nu_r (6,) [m/s, rad/s].
 
     linear_drag (6, 6) [N/(m/s), N m/(rad/s)]; quadratic_drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2];
     by_flow: see `flow_speeds`.
@@ -188,7 +188,7 @@ def damping_matrix(
 def drag_wrench(
     linear_drag: Array, quadratic_drag: Array, nu_r: Array, by_flow: bool = False
 ) -> Array:
-    """``D(nu_r) nu_r`` (6,) [N, N m] at nu_r (6,) [m/s, rad/s].
+    """Compute ``D(nu_r) nu_r`` (6,) [N, N m] at nu_r (6,) [m/s, rad/s].
 
     linear_drag (6, 6) [N/(m/s), N m/(rad/s)]; quadratic_drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2];
     by_flow: see `flow_speeds`.
@@ -197,8 +197,8 @@ def drag_wrench(
 
 
 def pressure_wrench(displaced_mass: Array, p_LB: Array, w_L: Array) -> Array:
-    """Wrench (6,) [N, N m] of the undisturbed water on the link: buoyancy and Froude-Krylov force
-    at p_LB (3,) [m].
+    """Compute the wrench (6,) [N, N m] of the undisturbed water on the link: buoyancy and
+    Froude-Krylov force at p_LB (3,) [m].
 
     displaced_mass () [kg]: density times volume; w_L (3,) [m/s2]: acceleration of the water
     relative to free fall.

@@ -21,7 +21,7 @@ STEEP = 0.1
 class Kinematics(FieldTable):
     """A robot at a configuration; its existence proves that q is valid.
 
-    Raises InvalidInput, as `Robot.check_configuration`.
+    Raises InvalidInput for a q that is no configuration of the robot.
     """
 
     robot: Robot
@@ -39,12 +39,12 @@ class Kinematics(FieldTable):
         object.__setattr__(self, "_data", data)
 
     def pose(self, frame: str) -> pin.SE3:
-        """Pose X_WF of a frame [m]. Raises FrameNotFound."""
+        """Return the pose X_WF of a frame [m]. Raises FrameNotFound."""
         return self._data.oMf[self.robot.frame_id(frame)].copy()
 
     def jacobian(self, frame: str, expressed_in: str = "W") -> np.ndarray:
-        """Jacobian (6, n_v) [-, m] of a frame's velocity in W at the frame's origin, linear rows
-        first.
+        """Return the Jacobian (6, n_v) [-, m] of a frame's velocity in W at the frame's origin,
+        linear rows first.
 
         expressed_in: "W" for world axes, "B" for those of the vehicle (the world's, if the base is
         fixed), or the name of a frame for its axes. Raises FrameNotFound.
@@ -59,7 +59,7 @@ class Kinematics(FieldTable):
         return np.vstack([R.T @ J[:3], R.T @ J[3:]])
 
     def _axes(self, name: str) -> np.ndarray:
-        """Rotation R_WF of the axes that `jacobian` is expressed in."""
+        """Return the rotation R_WF of the axes that `jacobian` is expressed in."""
         if name != "B":
             return np.asarray(self._data.oMf[self.robot.frame_id(name)].rotation)
         if self.robot.n_vehicle:

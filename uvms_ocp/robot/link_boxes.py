@@ -39,7 +39,7 @@ class TurnedBox:
 
     @property
     def size(self) -> np.ndarray:
-        """Sides (3,) [m]."""
+        """Sides (3,) [m] of the box."""
         return np.asarray(np.ptp(self.corners, axis=0))
 
     @property

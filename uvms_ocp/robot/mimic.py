@@ -1,5 +1,5 @@
-"""Joints that mimic another one: whom they follow in the end, where that puts them, and models and
-descriptions in which they move as one.
+"""Resolve joints that mimic another one: whom they follow in the end, where that puts them, and
+models and descriptions in which they move as one.
 
 Where joints move as one there is one coordinate of q, and one of v, for all of them: that of the
 first in Pinocchio's order.

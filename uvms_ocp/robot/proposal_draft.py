@@ -47,7 +47,7 @@ _STILL_KINDS = {
     "sensors": "moves sensors alone",
     "held": "has no range",
 }
-"""Kinds of joints, as in `Roles`, that are held still without a question."""
+"""Kinds of joints, fields of `Roles`, that are held still without a question."""
 _SHOWN_NAMES = 3
 _DOWN = 0.9  # cosine to straight down, of a range sensor's -z
 
@@ -64,11 +64,11 @@ class ProposedThruster:
     source: str
     """Words for where the direction comes from."""
     minimum: float | None = None
-    """[N] as the file states it; `None` where it does not, as for the next two."""
+    """[N] smallest thrust as the file states it; `None` where it does not."""
     maximum: float | None = None
-    """[N]"""
+    """[N] largest thrust as the file states it; `None` where it does not."""
     time_constant: float | None = None
-    """[s]"""
+    """[s] time constant as the file states it; `None` where it does not."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

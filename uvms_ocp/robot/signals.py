@@ -167,8 +167,8 @@ unchecked_reading = unchecked_constructor(Reading)
 unchecked_readings = unchecked_constructor(Readings)
 unchecked_estimate = unchecked_constructor(StateEstimate)
 unchecked_command = unchecked_constructor(Command)
-"""Without a look at their arguments, of arrays that belong to them: for what is made at every
-tick.
+"""Constructors that do not check their arguments, arrays that belong to them: for what is made at
+every tick.
 """
 
 
@@ -215,21 +215,21 @@ class SensorSpecs:
     """
 
     position: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.02)
-    """[m]"""
+    """Position p_WB [m] in W."""
     depth: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)
-    """[m]"""
+    """Height z of p_WB [m]."""
     attitude: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.001)
-    """[rad], a rotation vector in B."""
+    """Attitude in W, whose error is a rotation vector [rad] in B."""
     angular_velocity: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.002)
-    """[rad/s]"""
+    """Angular velocity [rad/s] in B, of a gyroscope."""
     linear_velocity: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.002)
-    """[m/s]"""
+    """Velocity [m/s] over ground in B, of a DVL."""
     joint_positions: SensorSpec | None = SensorSpec(rate=200.0, sigma=1e-4)
-    """[rad or m]"""
+    """Positions of the joints [rad or m], of encoders."""
     joint_velocities: SensorSpec | None = None
-    """[rad/s or m/s]"""
+    """Velocities of the joints [rad/s or m/s]."""
     altimeter_range: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)
-    """[m]"""
+    """Range of the altimeter [m]."""
     specific_force: SensorSpec | None = None
     """[m/s2] of an accelerometer at the origin of B; `ACCELEROMETER` is a usual one."""
 
@@ -239,7 +239,7 @@ CHANNELS = tuple(field.name for field in fields(SensorSpecs))
 
 
 ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)
-"""A usual one for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""
+"""Usual specification for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""
 
 IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()) | {"specific_force": None})
 """Every channel of the state itself, once per tick, without error or delay; no accelerometer, which
@@ -249,7 +249,9 @@ nothing needs then.
 
 @checked
 def robot_sensors(description: RobotDescription) -> SensorSpecs:
-    """The channels of a robot: the defaults of `SensorSpecs`, with what its file says of them."""
+    """Return the channels of a robot: the defaults of `SensorSpecs`, with what its file says of
+    them.
+    """
     channels = {
         name: _channel(getattr(SensorSpecs(), name), channel_description)
         for name, channel_description in description.sensors.items()

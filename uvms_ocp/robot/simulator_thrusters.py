@@ -46,7 +46,7 @@ _NAMES_ONLY = {
     "i_gain",
     "d_gain",
 }
-"""What a simulator needs to turn a propeller, or to talk: thrust is asked of ours."""
+"""Words by which a simulator turns a propeller, or talks; here thrust is commanded."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

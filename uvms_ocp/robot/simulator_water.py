@@ -44,7 +44,7 @@ class SimulatorWater:
     """Water of one link as a plugin states it."""
 
     simulator: str
-    """What states it, of which simulator or format."""
+    """Simulator or format whose plugin states it."""
     coefficients: Mapping[str, Any]
     """Fields of `LinkCoefficients` that are stated, in the link's axes at its origin."""
 
@@ -57,7 +57,7 @@ class SimulatorWater:
 
 @dataclass(kw_only=True, slots=True)
 class SimulatorBlocks:
-    """What the plugins of a URDF state of water."""
+    """Statements of the plugins of a URDF about the water on its links."""
 
     links: dict[str, SimulatorWater] = field(default_factory=dict)
     """Water by link."""

@@ -49,8 +49,8 @@ _ATANC = (1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11, 1 / 13)
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
-    """`if_true` or `if_false`, scalars () [any], by the condition (). Both are evaluated, so both
-    must be finite.
+    """Return `if_true` or `if_false`, scalars () [any], by the condition (). Both are evaluated, so
+    both must be finite.
     """
     if is_symbolic(condition):
         return ca.if_else(condition, if_true, if_false)
@@ -82,26 +82,26 @@ def _with_structural_zero(entry: Array) -> Array:
 
 
 def diagonal(entries: Array) -> Array:
-    """Square matrix with the entries (n,) [any] on its diagonal."""
+    """Build a square matrix with the entries (n,) [any] on its diagonal."""
     if is_symbolic(entries):
         return ca.diag(entries)
     return np.diag(entries)
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Inner product of a (3,) [any] and b (3,) [any]."""
+    """Compute the inner product of a (3,) [any] and b (3,) [any]."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross product (3,) of a (3,) [any] and b (3,) [any]."""
+    """Compute the cross product (3,) of a (3,) [any] and b (3,) [any]."""
     if is_symbolic(a, b):
         return ca.cross(a, b)  # the same expression in a tenth of the time
     return column(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def skew(a: Array) -> Array:
-    """Matrix (3, 3) with ``skew(a) @ b == cross(a, b)``, of a (3,) [any]."""
+    """Build the matrix (3, 3) with ``skew(a) @ b == cross(a, b)``, of a (3,) [any]."""
     return matrix((0, -a[2], a[1]), (a[2], 0, -a[0]), (-a[1], a[0], 0))
 
 
@@ -115,7 +115,8 @@ def _horner(x: Array, coefficients: Sequence[float]) -> Array:
 def _by_series_near_zero(
     x: Array, coefficients: Sequence[float], closed: Callable[[Array], Array]
 ) -> Array:
-    """Power series of the squared angle x where it is small, closed form of the angle elsewhere.
+    """Evaluate a power series of the squared angle x where it is small, a closed form of the angle
+    elsewhere.
 
     The closed form sees 1 where the series is used: a NaN in the branch not taken would survive
     differentiation.
@@ -126,12 +127,12 @@ def _by_series_near_zero(
 
 
 def cos_of_squared(x: Array) -> Array:
-    """``cos(t)`` of the squared angle x () [rad2], ``x = t^2``, smooth at 0."""
+    """Compute ``cos(t)`` of the squared angle x () [rad2], ``x = t^2``, smooth at 0."""
     return _by_series_near_zero(x, _COS, ca.cos)
 
 
 def sinc_of_squared(x: Array) -> Array:
-    """``sin(t) / t`` of the squared angle x () [rad2], ``x = t^2``."""
+    """Compute ``sin(t) / t`` of the squared angle x () [rad2], ``x = t^2``."""
     return _by_series_near_zero(x, _SINC, lambda t: ca.sin(t) / t)
 
 
@@ -144,8 +145,8 @@ def _sincc_of_squared(x: Array) -> Array:
 
 
 def cotc_of_squared(x: Array) -> Array:
-    """``(1 - t/2 cot(t/2)) / t^2`` of the squared angle x () [rad2], ``x = t^2``, finite up to ``t
-    = pi`` and beyond.
+    """Compute ``(1 - t/2 cot(t/2)) / t^2`` of the squared angle x () [rad2], ``x = t^2``, finite up
+    to ``t = pi`` and beyond.
     """
     return _by_series_near_zero(
         x, _COTC, lambda t: (1 - t / 2 * ca.cos(t / 2) / ca.sin(t / 2)) / (t * t)
@@ -156,7 +157,7 @@ def cotc_of_squared(x: Array) -> Array:
 
 
 def quaternion_to_matrix(quaternion: Array) -> Array:
-    """Rotation matrix (3, 3) of a unit quaternion (4,) xyzw, the same for either sign."""
+    """Return the rotation matrix (3, 3) of a unit quaternion (4,) xyzw, one matrix for either sign."""
     x, y, z, w = (quaternion[i] for i in range(4))
     return matrix(
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
@@ -166,7 +167,7 @@ def quaternion_to_matrix(quaternion: Array) -> Array:
 
 
 def matrix_to_quaternion(R: Array) -> Array:
-    """Unit quaternion (4,) xyzw of a rotation matrix R (3, 3), of either sign.
+    """Return the unit quaternion (4,) xyzw of a rotation matrix R (3, 3), of either sign.
 
     The products ``4 q_k q`` are linear in R; the largest of the four ``4 q_k^2`` is at least 1, so
     that the root and the division are safe at every rotation [Shepperd1978].
@@ -202,7 +203,9 @@ def _larger(
 
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
-    """Product (4,) of the quaternions a (4,) and b (4,), xyzw: the rotation ``R(a) @ R(b)``."""
+    """Compute the product (4,) of the quaternions a (4,) and b (4,), xyzw: the rotation ``R(a) @
+    R(b)``.
+    """
     return column(
         a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
         a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2],
@@ -212,7 +215,7 @@ def quaternion_multiply(a: Array, b: Array) -> Array:
 
 
 def quaternion_conjugate(quaternion: Array) -> Array:
-    """Inverse (4,) of a unit quaternion (4,) xyzw."""
+    """Return the inverse (4,) of a unit quaternion (4,) xyzw."""
     return column(-quaternion[0], -quaternion[1], -quaternion[2], quaternion[3])
 
 
@@ -225,15 +228,15 @@ def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
 
 
 def quaternion_exp(rotation_vector: Array) -> Array:
-    """Unit quaternion (4,) xyzw of the `rotation_vector` (3,) [rad]."""
+    """Return the unit quaternion (4,) xyzw of the `rotation_vector` (3,) [rad]."""
     quarter = dot(rotation_vector, rotation_vector) / 4
     scale = sinc_of_squared(quarter) / 2
     return column(*[scale * rotation_vector[i] for i in range(3)], cos_of_squared(quarter))
 
 
 def quaternion_log(quaternion: Array) -> Array:
-    """Rotation vector (3,) [rad] of norm at most pi of a unit quaternion (4,) xyzw of either
-    sign.
+    """Return the rotation vector (3,) [rad] of norm at most pi of a unit quaternion (4,) xyzw of
+    either sign.
     """
     sign = where(quaternion[3] < 0, -1.0, 1.0)
     cosine = sign * quaternion[3]
@@ -250,12 +253,12 @@ def quaternion_log(quaternion: Array) -> Array:
 
 
 def exp3(rotation_vector: Array) -> Array:
-    """Rotation matrix (3, 3) of the `rotation_vector` (3,) [rad]."""
+    """Return the rotation matrix (3, 3) of the `rotation_vector` (3,) [rad]."""
     return quaternion_to_matrix(quaternion_exp(rotation_vector))
 
 
 def log3(R: Array) -> Array:
-    """Rotation vector (3,) [rad] of norm at most pi of a rotation matrix R (3, 3).
+    """Return the rotation vector (3,) [rad] of norm at most pi of a rotation matrix R (3, 3).
 
     At the angle pi both signs of the axis are right; one of them is returned.
     """
@@ -263,8 +266,8 @@ def log3(R: Array) -> Array:
 
 
 def exp6_translation(twist: Array) -> Array:
-    """Translation (3,) [m] after moving for one second with a constant body twist (6,) [m/s,
-    rad/s].
+    """Return the translation (3,) [m] after moving for one second with a constant body twist (6,)
+    [m/s, rad/s].
     """
     linear = twist[:3]
     angular = twist[3:]
@@ -274,8 +277,8 @@ def exp6_translation(twist: Array) -> Array:
 
 
 def log6_translation(rotation_vector: Array, p: Array) -> Array:
-    """Linear part (3,) [m/s] of the twist whose exponential has the `rotation_vector` (3,) [rad]
-    and translation p (3,) [m].
+    """Return the linear part (3,) [m/s] of the twist whose exponential has the `rotation_vector`
+    (3,) [rad] and translation p (3,) [m].
     """
     once = cross(rotation_vector, p)
     scale = cotc_of_squared(dot(rotation_vector, rotation_vector))

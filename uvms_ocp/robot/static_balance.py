@@ -198,15 +198,15 @@ class DrivenTilt:
     turn: int
     """Number of the axis of B, 3 or 4, about which it tilts."""
     moment: float
-    """[N m] that thrust has about the mass."""
+    """[N m] moment of the thrust about the mass."""
     righting: float
-    """[N m] that weight and buoyancy have at a right angle."""
+    """[N m] moment of weight and buoyancy at a tilt of a right angle."""
     negligible: float
-    """[N m] below which that is none."""
+    """[N m] righting moment below which there is none."""
 
     @property
     def angle(self) -> float:
-        """[rad], a right angle where it tips over."""
+        """Tilt [rad], a right angle where the vehicle tips over."""
         return float(np.arcsin(min(1.0, self.moment / max(self.righting, self.negligible))))
 
 

@@ -24,11 +24,11 @@ class SymbolicPose:
 
     @staticmethod
     def identity() -> SymbolicPose:
-        """The pose of a frame in itself."""
+        """Return the pose of a frame in itself."""
         return SymbolicPose(R=ca.SX.eye(3), p=ca.SX(3, 1))
 
     def then(self, R: ca.SX | ca.DM, p: ca.SX | ca.DM) -> SymbolicPose:
-        """Product with the pose (R, p)."""
+        """Return the product with the pose (R, p)."""
         return SymbolicPose(R=self.R @ R, p=self.p + self.R @ p)
 
 
@@ -43,11 +43,11 @@ class Twist:
         return Twist(linear=self.linear + other.linear, angular=self.angular + other.angular)
 
     def stacked(self) -> ca.SX:
-        """Six rows, linear first."""
+        """Stack both parts into six rows, linear first."""
         return ca.vertcat(self.linear, self.angular)
 
     def cross(self, other: Twist) -> Twist:
-        """Rate of the other twist when it is carried along by this one."""
+        """Return the rate of a twist that is carried along by this one."""
         return Twist(
             linear=spatial.cross(self.angular, other.linear)
             + spatial.cross(self.linear, other.angular),
@@ -55,7 +55,7 @@ class Twist:
         )
 
     def into_child(self, local: SymbolicPose) -> Twist:
-        """The twist in the frame of a child body whose pose in this frame is ``local``."""
+        """Express the twist in the frame of a child body whose pose in this frame is ``local``."""
         return Twist(
             linear=local.R.T @ (self.linear + spatial.cross(self.angular, local.p)),
             angular=local.R.T @ self.angular,
@@ -73,7 +73,9 @@ class Wrench:
         return Wrench(force=self.force + other.force, moment=self.moment + other.moment)
 
     def onto_parent(self, local: SymbolicPose) -> Wrench:
-        """The wrench in the frame of the parent body, in which this body's pose is ``local``."""
+        """Express the wrench in the frame of the parent body, in which this body's pose is
+        ``local``.
+        """
         force = local.R @ self.force
         return Wrench(force=force, moment=local.R @ self.moment + spatial.skew(local.p) @ force)
 
@@ -98,7 +100,7 @@ class TwistToWrench:
         return TwistToWrench(A=self.A + other.A, B=self.B + other.B, C=self.C + other.C)
 
     def times(self, linear: ca.DM, angular: ca.DM) -> Wrench:
-        """Wrenches of twists, one per column."""
+        """Compute the wrenches of twists, one per column."""
         return Wrench(
             force=self.A @ linear + self.B @ angular, moment=self.B.T @ linear + self.C @ angular
         )
@@ -131,7 +133,9 @@ def _is_isotropic(A: ca.SX) -> bool:
 
 
 def inertial_wrench(inertia: ca.DM, velocity: Twist, acceleration: Twist) -> Wrench:
-    """``I a + v x* (I v)`` of a body with a constant 6x6 inertia, all in the frame of the body."""
+    """Compute ``I a + v x* (I v)`` of a body with a constant 6x6 inertia, all in the frame of the
+    body.
+    """
     momentum = _times(inertia, velocity)
     rate = _times(inertia, acceleration)
     return Wrench(

@@ -63,7 +63,9 @@ class WetLink:
     water: WaterCoefficients
 
     def point(self, poses: tuple[SymbolicPose, ...], p_L: Coefficient) -> ca.SX:
-        """Position (3,) [m] in W of p_L (3,) [m] in L, where the joint bodies are at `poses`."""
+        """Return the position (3,) [m] in W of p_L (3,) [m] in L, where the joint bodies are at
+        `poses`.
+        """
         pose = poses[self.joint]
         return pose.p + pose.R @ (self.p_JL + self.R_JL @ p_L)
 
@@ -154,8 +156,8 @@ class SymbolicDynamics(FieldTable):
     # --- expressions ------------------------------------------------------------------------------
 
     def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
-        """Generalized force (n_v,) for the acceleration a: one outward and one inward pass over the
-        tree.
+        """Compute the generalized force (n_v,) for the acceleration a: one outward and one inward
+        pass over the tree.
         """
         local = self.symbolic.local_poses(q)
         motions = self.symbolic.body_motions(local, v, a)
@@ -169,19 +171,19 @@ class SymbolicDynamics(FieldTable):
         return tau + self.damping * v
 
     def bias_force(self, q: ca.SX, v: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
-        """Generalized force (n_v,) for zero acceleration: ``C v + D v + g`` and the accelerating
-        water.
+        """Compute the generalized force (n_v,) for zero acceleration: ``C v + D v + g`` and the
+        accelerating water.
         """
         return self.inverse_dynamics(q, v, ca.SX(self.model.nv, 1), u, Du_Dt)
 
     def mass_matrix(self, q: ca.SX) -> ca.SX:
-        """Rigid-body plus added mass (n_v, n_v)."""
+        """Compute the rigid-body plus added mass (n_v, n_v)."""
         M = self.symbolic.congruence(self.symbolic.local_poses(q), self._total_inertias())
         return M + ca.diag(sparse(np.asarray(self.model.armature)))
 
     def damping_matrix(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
-        """Symmetric part of Fossen's D(q, v_r) with the joint friction (n_v, n_v), for implicit
-        integration.
+        """Compute the symmetric part of Fossen's D(q, v_r) with the joint friction (n_v, n_v), for
+        implicit integration.
 
         ``v.T D v`` is the dissipated power in still water; with a diagonal quadratic drag D is
         positive semidefinite, so that ``M + h D`` damps at any step h.
@@ -189,7 +191,7 @@ class SymbolicDynamics(FieldTable):
         return self._summed_damping(q, v, u, quadratic_factor=1)
 
     def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
-        """Acceleration (n_v,) under the generalized force tau.
+        """Compute the acceleration (n_v,) under the generalized force tau.
 
         For numeric use: differentiate `inverse_dynamics` instead, the derivative of the solution is
         ten times as long.
@@ -198,8 +200,8 @@ class SymbolicDynamics(FieldTable):
         return ca.ldl_solve(tau - self.bias_force(q, v, u, Du_Dt), D, L_transposed, order)
 
     def drag_slope(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
-        """Derivative (n_v, n_v) of ``D v_r`` and joint friction with respect to v, its symmetric
-        part.
+        """Compute the derivative (n_v, n_v) of ``D v_r`` and joint friction with respect to v, its
+        symmetric part.
 
         Of drag by the flow twice D, which is the derivative along the flow, and more than that
         across it. ``M + h drag_slope`` makes a step of length h implicit in the drag, so that it
@@ -208,7 +210,9 @@ class SymbolicDynamics(FieldTable):
         return self._summed_damping(q, v, u, quadratic_factor=2)
 
     def kinetic_energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
-        """``1/2 v.T M v`` [J], of the bodies and the water they carry along."""
+        """Compute the kinetic energy ``1/2 v.T M v`` [J] of the bodies and the water they carry
+        along.
+        """
         local = self.symbolic.local_poses(q)
         motions = self.symbolic.body_motions(local, v, ca.SX(self.model.nv, 1))
         bodies = zip(self._total_inertias(), motions.velocities, strict=True)
@@ -219,7 +223,7 @@ class SymbolicDynamics(FieldTable):
         return (twice + ca.dot(sparse(np.asarray(self.model.armature)), v * v)) / 2
 
     def potential_energy(self, q: ca.SX) -> ca.SX:
-        """Potential energy of weight and buoyancy [J], zero at the origin of W."""
+        """Compute the potential energy of weight and buoyancy [J], zero at the origin of W."""
         poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
         moment = ca.SX(3, 1)  # sum of mass times position, displaced mass counting negative
         for pose, inertia in zip(poses[1:], self._rigid[1:], strict=True):
@@ -231,13 +235,15 @@ class SymbolicDynamics(FieldTable):
         return -ca.dot(sparse(self.model.gravity.linear), moment)
 
     def link_positions(self, q: ca.SX) -> ca.SX:
-        """Origins p_WL (3, n_links) [m] of the coefficient frames: where a sheared current acts."""
+        """Return the origins p_WL (3, n_links) [m] of the coefficient frames, where a sheared
+        current acts.
+        """
         poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
         return ca.horzcat(ca.SX(3, 0), *(link.point(poses, ca.DM(3, 1)) for link in self._wet))
 
     def inertias(self) -> list[np.ndarray]:
-        """Rigid-body plus added inertia (6, 6) of every joint body at its joint frame, universe
-        included.
+        """Return the rigid-body plus added inertia (6, 6) of every joint body at its joint frame,
+        universe included.
         """
         return [np.asarray(ca.DM(total)) for total in self._total_inertias()]
 
@@ -253,7 +259,7 @@ class SymbolicDynamics(FieldTable):
         ]
 
     def _water_wrench(self, link: WetLink, motions: BodyMotions, u: ca.SX, Du_Dt: ca.SX) -> Wrench:
-        """Wrench of the link on the water, at the joint that carries it."""
+        """Compute the wrench of the link on the water, at the joint that carries it."""
         R_LW = link.R_JL.T @ motions.poses[link.joint].R.T
         u_L = R_LW @ u
         w_L = R_LW @ (Du_Dt - self.model.gravity.linear)
@@ -287,7 +293,7 @@ class SymbolicDynamics(FieldTable):
     def _link_damping(
         self, link: WetLink, motions: BodyMotions, u: ca.SX, quadratic_factor: int
     ) -> ca.SX:
-        """Symmetric part of the link's D(nu_r) (6, 6), at the joint that carries it."""
+        """Compute the symmetric part of the link's D(nu_r) (6, 6), at the joint that carries it."""
         u_L = link.R_JL.T @ (motions.poses[link.joint].R.T @ u)
         nu_r = water.relative_velocity(
             link.motion_LJ @ motions.velocities[link.joint].stacked(), u_L
@@ -303,15 +309,15 @@ class SymbolicDynamics(FieldTable):
     # --- ready-made functions ---------------------------------------------------------------------
 
     def function(self, term: str) -> ca.Function:
-        """Function of one of the expressions above, such as ``"mass_matrix"``, with the names of
-        its arguments.
+        """Build the function of one of these expressions, such as ``"mass_matrix"``, with the names
+        of its arguments.
         """
         expression = getattr(self, term)
         x = self._symbols(*signature(expression).parameters)
         return function(term, x, {term: expression(*x.values())})
 
     def inverse_dynamics_function(self) -> ca.Function:
-        """Function ``q, v, a, u, Du_Dt -> tau``."""
+        """Build the function ``q, v, a, u, Du_Dt -> tau``."""
         return self.function("inverse_dynamics")
 
     def _set(self, **values: object) -> None:

@@ -134,9 +134,7 @@ def _free_flyer_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
 
 
 def _towards_unit(x: ca.SX) -> ca.SX:
-    """One Newton step of normalisation: rounding errors do not accumulate, and nothing is
-    divided.
-    """
+    """Normalise by one Newton step: rounding errors do not accumulate, and nothing is divided."""
     return x * ((3 - ca.sumsqr(x)) / 2)
 
 
@@ -192,7 +190,7 @@ def _revolute_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _rotation_about(axis: np.ndarray, c: ca.SX, s: ca.SX) -> ca.SX:
-    """Rodrigues' formula with a constant axis; zeros of an aligned axis stay structural."""
+    """Evaluate Rodrigues' formula with a constant axis; zeros of an aligned axis stay structural."""
     outer = np.outer(axis, axis)
     return sparse(outer) + c * sparse(np.eye(3) - outer) + s * sparse(spatial.skew(axis))
 

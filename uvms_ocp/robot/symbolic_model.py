@@ -47,13 +47,14 @@ class SymbolicKinematics:
     joint_poses: tuple[SymbolicPose, ...]
 
     def pose(self, frame: str) -> tuple[ca.SX, ca.SX]:
-        """Pose X_WF of a frame: R_WF (3, 3) and p_WF (3,) [m]. Raises FrameNotFound."""
+        """Return the pose X_WF of a frame: R_WF (3, 3) and p_WF (3,) [m]. Raises FrameNotFound."""
         joint, R_JF, p_JF = self.model.frame(frame)
         pose = self.joint_poses[joint].then(R_JF, p_JF)
         return pose.R, pose.p
 
     def jacobian(self, frame: str) -> ca.SX:
-        """Jacobian (6, n_v) of a frame's velocity at its origin, expressed in W, linear rows first.
+        """Return the Jacobian (6, n_v) of a frame's velocity at its origin, expressed in W, linear
+        rows first.
 
         Columns of joints that do not carry the frame are structurally zero. Raises FrameNotFound.
         """
@@ -95,7 +96,7 @@ class SymbolicModel:
     # --- kinematics -------------------------------------------------------------------------------
 
     def frame(self, name: str) -> tuple[int, ca.DM, ca.DM]:
-        """Supporting joint of a frame and the frame's placement R_JF, p_JF on it. Raises
+        """Return the joint that carries a frame and the frame's placement R_JF, p_JF on it. Raises
         FrameNotFound.
         """
         body_frame = find_frame(self.model, name)
@@ -106,12 +107,12 @@ class SymbolicModel:
         )
 
     def forward_kinematics(self, q: ca.SX) -> SymbolicKinematics:
-        """Poses of all joints at q. Raises InvalidInput, as `local_poses`."""
+        """Compute the poses of all joints at q. Raises InvalidInput for a q of another size."""
         return SymbolicKinematics(model=self, joint_poses=self.joint_poses(self.local_poses(q)))
 
     def local_poses(self, q: ca.SX) -> tuple[SymbolicPose, ...]:
-        """Pose of every joint body in its parent body; index 0 is the universe. Raises InvalidInput
-        for a q of another size.
+        """Return the pose of every joint body in its parent body; index 0 is the universe. Raises
+        InvalidInput for a q of another size.
         """
         self._check_rows("q", q, self.model.nq)
         poses = [SymbolicPose.identity()]
@@ -121,8 +122,8 @@ class SymbolicModel:
         return tuple(poses)
 
     def joint_poses(self, local_poses: Sequence[SymbolicPose]) -> tuple[SymbolicPose, ...]:
-        """Pose X_WJ of every joint body; index 0 is the universe. Raises InvalidInput for another
-        number of poses.
+        """Return the pose X_WJ of every joint body; index 0 is the universe. Raises InvalidInput
+        for another number of poses.
         """
         self._check_bodies(local_poses=local_poses)
         poses = [local_poses[0]]
@@ -131,7 +132,8 @@ class SymbolicModel:
         return tuple(poses)
 
     def integrate(self, q: ca.SX, v: ca.SX) -> ca.SX:
-        """Configuration (n_q,) after moving from q for one second with the constant velocity v.
+        """Return the configuration (n_q,) after moving from q for one second with the constant
+        velocity v.
 
         Raises InvalidInput for a q or v of another size.
         """
@@ -141,7 +143,7 @@ class SymbolicModel:
         return ca.vertcat(ca.SX(0, 1), *parts)
 
     def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
-        """Velocity (n_v,) that moves q0 to q1 in one second; rotations by at most pi.
+        """Return the velocity (n_v,) that moves q0 to q1 in one second; rotations by at most pi.
 
         Raises InvalidInput for a q0 or q1 of another size.
         """
@@ -161,7 +163,7 @@ class SymbolicModel:
                 )
 
     def body_motions(self, local_poses: Sequence[SymbolicPose], v: ca.SX, a: ca.SX) -> BodyMotions:
-        """Velocities and accelerations of all joint bodies: the outward pass.
+        """Compute velocities and accelerations of all joint bodies: the outward pass.
 
         Raises InvalidInput for another size of v or a, or number of poses.
         """
@@ -187,8 +189,8 @@ class SymbolicModel:
     def generalized_force(
         self, local_poses: Sequence[SymbolicPose], wrenches: Sequence[Wrench]
     ) -> ca.SX:
-        """Generalized force (n_v,) that balances a wrench on every joint body, else InvalidInput:
-        the inward pass.
+        """Compute the generalized force (n_v,) that balances a wrench on every joint body, else
+        InvalidInput: the inward pass.
         """
         self._check_bodies(local_poses=local_poses, wrenches=wrenches)
         carried = list(wrenches)
@@ -204,8 +206,8 @@ class SymbolicModel:
     def congruence(
         self, local_poses: Sequence[SymbolicPose], matrices: Sequence[ca.DM | ca.SX]
     ) -> ca.SX:
-        """``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6) in their
-        frames, else InvalidInput.
+        """Compute ``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6)
+        in their frames, else InvalidInput.
         """
         self._check_bodies(local_poses=local_poses, matrices=matrices)
         carried = [TwistToWrench.of(matrix) for matrix in matrices]
@@ -258,7 +260,7 @@ def find_frame(model: pin.Model, name: str) -> pin.Frame:
 
 
 def function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
-    """SX function with named, dense inputs and outputs."""
+    """Build an SX function with named, dense inputs and outputs."""
     dense = [ca.densify(value) for value in outputs.values()]
     return ca.Function(
         name, list(inputs.values()), dense, list(inputs), list(outputs), {"cse": True}

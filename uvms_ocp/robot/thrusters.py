@@ -18,11 +18,12 @@ from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.robot import Robot
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-"""The vehicle's, in the order of v."""
+"""Names of the vehicle's axes, in the order of v."""
 _ROUNDING = 1e-6  # relative
 _REPEATABLE = 0.1  # of the thrust, within which a bench repeats its measurement of one signal
 _WEAK = 0.1
-"""Of the best driven direction: what rights itself and is driven by less is left to itself."""
+"""Share of the best driven direction: what rights itself and is driven by less is left to itself.
+"""
 
 
 @checked

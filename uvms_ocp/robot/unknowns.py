@@ -1,5 +1,5 @@
-"""What the files of a robot leave open, and what comes of it: valid files whose gaps a user has to
-know of.
+"""Find what the files of a robot leave open, and what comes of it: valid files whose gaps a user
+has to know of.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ TURN = (
     "if so, turn it: a root link above it, without mass, fixed by a joint with"
     ' <origin rpy="3.14159265 0 0"/>'
 )
-"""What turns such a file."""
+"""Advice that turns such a file."""
 
 
 def signs_of_z_down(

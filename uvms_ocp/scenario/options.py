@@ -76,7 +76,7 @@ class RunOptions:
     """
 
     robot: Robot = field(default_factory=partial(load_robot, _ROBOT))
-    """The machine. As a keyword also the name of one."""
+    """Robot. As a keyword also the name of one."""
     seabed: Finite = _SEABED
     """[m] height of the floor in W, of a rough one between its protuberances."""
     current: Current = field(default_factory=StillWater)
@@ -86,13 +86,13 @@ class RunOptions:
     plant: str = "dynamic"
     """Plant: `dynamic`, in water, or `kinematic`, whose velocities follow at once."""
     payload: TrimBody | None = None
-    """A body that the dynamic plant carries and the controller does not know."""
+    """Body that the dynamic plant carries and the controller does not know."""
     observer: bool = True
-    """Estimate and cancel disturbances in the dynamic layer."""
+    """True to estimate and cancel disturbances in the dynamic layer."""
     learn_load: bool = False
-    """Learn the load of the tool in the dynamic layer, which needs the observer."""
+    """True to learn the load of the tool in the dynamic layer, which needs the observer."""
     noise: bool = False
-    """Give sensors the noise, rates and delays of the robot's file."""
+    """True to give sensors the noise, rates and delays of the robot's file."""
     seed: Count = 0
     """Seed of everything random."""
     faults: tuple[Fault, ...] = ()
@@ -107,8 +107,8 @@ class RunOptions:
     """
 
     def start(self, X_WB: pin.SE3, joints: ArrayLike | None = None) -> np.ndarray:
-        """Configuration (n_q,) with the vehicle at X_WB; joints (n_joints,) [rad or m], stowed by
-        default.
+        """Return the configuration (n_q,) with the vehicle at X_WB; joints (n_joints,) [rad or m],
+        stowed by default.
 
         Raises `InvalidInput` outside the joint limits, and for a robot without a vehicle.
         """
@@ -286,7 +286,7 @@ def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
 
 
 def activate(*names: str) -> dict[str, float]:
-    """Activations of a phase: these tasks fully on."""
+    """Return the activations of a phase with these tasks fully on."""
     return dict.fromkeys(names, 1.0)
 
 
@@ -309,7 +309,9 @@ def phase_of(
 
 
 def approach_phase() -> Phase:
-    """Phase A: the small vehicle comes near its way point, before its tool acts in phase B."""
+    """Return phase A, in which the small vehicle comes near its way point, before its tool acts in
+    phase B.
+    """
     position_condition = Below(quantity="PC.position_error", limit=0.2)
     orientation_condition = Below(quantity="PC.orientation_error", limit=0.2)
     return phase_of(
@@ -323,7 +325,7 @@ def approach_phase() -> Phase:
 
 
 def override(tasks: list[Task], overrides: Mapping[str, Mapping[str, Any]]) -> list[Task]:
-    """Tasks with fields replaced; raises `NameNotFound` for an unknown task or field."""
+    """Return the tasks with fields replaced; raises `NameNotFound` for an unknown task or field."""
     by_name = {task.name: task for task in tasks}
     for name, changes in overrides.items():
         require_known("task", name, by_name)

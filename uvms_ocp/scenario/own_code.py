@@ -114,7 +114,7 @@ class UserCode:
     """Place of code of the user: in a file, or in a module."""
 
     attribute: str
-    """Name in it of what is wanted."""
+    """Name of the scenario, or other value, that it defines."""
     file: Path | None = None
     """A Python file."""
     module: str = ""

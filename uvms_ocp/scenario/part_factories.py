@@ -32,7 +32,7 @@ class MissionController(Protocol):
 
     @property
     def kinematic(self) -> KinematicController:
-        """The layer that knows the mission, its events and its quantities."""
+        """Layer that knows the mission, its events and its quantities."""
 
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""

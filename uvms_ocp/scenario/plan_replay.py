@@ -119,8 +119,8 @@ def _plant(plan: Plan, environment: Environment, dynamics: Dynamics) -> DynamicP
 
 
 def _below(plan: Plan, environment: Environment) -> tuple[AlarmMeta, ...]:
-    """Alarm with the place at which a plan goes deepest below the floor, if it does: what was flown
-    then says little of the plan.
+    """Return an alarm with the place at which a plan goes deepest below the floor, if it does: what
+    was flown then says little of the plan.
     """
     path = plan.trajectory
     water = replace(environment, obstacles=())

@@ -120,7 +120,7 @@ class Scenario(FieldTable):
     seed: Count = 0
     """Seed of the sensor noise."""
     altimeter_frame: str | None = None
-    """Name of the tool frame; by default the one that the robot's file names, if any."""
+    """Frame of the altimeter; by default the one that the robot's file names, if any."""
     dt: float = 1 / 200
     """[s] control period."""
     duration: float = 120.0
@@ -254,12 +254,14 @@ class Scenario(FieldTable):
         return our_controller(self, guide)
 
     def check(self) -> PreflightReport:
-        """Pre-flight: whether this mission can be completed, and what has to change if not."""
+        """Check, before it begins, whether this mission can be completed, and what has to change if
+        not.
+        """
         with raised_outside_casadi():
             return check_mission(self.setup())
 
     def setup(self) -> Setup:
-        """Inputs of the pre-flight checks."""
+        """Return the inputs of the pre-flight checks."""
         return Setup(
             robot=self.robot,
             mission=self.mission,
@@ -348,8 +350,8 @@ class Scenario(FieldTable):
 
 @checked
 def pose_at(position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> pin.SE3:
-    """Pose from a position (3,) [m] and rpy (3,) [rad], R = Rz Ry Rx. Raises `InvalidInput` for
-    anything else.
+    """Return the pose of a position (3,) [m] and rpy (3,) [rad], R = Rz Ry Rx. Raises
+    `InvalidInput` for anything else.
     """
     p = finite_array("position", position, (3,))
     angles = finite_array("rpy", rpy, (3,))

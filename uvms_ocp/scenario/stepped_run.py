@@ -70,14 +70,16 @@ class SteppedRun:
 
     @property
     def controller(self) -> MissionController:
-        """The controller, whose ``kinematic.state`` tells the phase, ``kinematic.pending()`` what
-        the mission waits for.
+        """Controller of the run, whose ``kinematic.state`` tells the phase, and
+        ``kinematic.pending()`` what the mission waits for.
         """
         return self._parts.controller
 
     @property
     def finished(self) -> bool:
-        """The mission is complete, or the plant's motion has grown beyond what a record holds."""
+        """True where the mission is complete, or the plant's motion has grown beyond what a record
+        holds.
+        """
         is_complete = self.command is not None and self.command.finished
         return is_complete or has_diverged(self.state)
 

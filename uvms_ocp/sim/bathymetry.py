@@ -78,8 +78,8 @@ class Bathymetry(Seafloor):
 
     @checked_on_failure
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in
-        W.
+        """Return heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and
+        y in W.
         """
         heights, slopes = self._surface(points)
         upwards = np.column_stack([-slopes, np.ones(len(points))])
@@ -118,7 +118,7 @@ class Bathymetry(Seafloor):
         return np.asarray(points[:, 2] - self._surface(points[:, :2])[0])
 
     def _surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (n,) [m] and slopes (n, 2) at points (n, 2) [m]."""
+        """Return heights (n,) [m] and slopes (n, 2) at points (n, 2) [m]."""
         cells = []
         shares = []
         widths = []
@@ -146,8 +146,8 @@ class Bathymetry(Seafloor):
 
 
 def _first_zero(start: np.ndarray, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """First zeros (n,) in [0, 1] of parabolas by their values (n,) at 0, 1/2 and 1, the first > 0;
-    NaN for none.
+    """Return the first zeros (n,) in [0, 1] of parabolas by their values (n,) at 0, 1/2 and 1, the
+    first > 0; NaN for none.
     """
     a = 2 * (start + end - 2 * middle)
     b = end - start - a

@@ -225,8 +225,8 @@ class CompiledLoop:
     def _sources(
         self, recorded_channels: Mapping[str, int], verdicts: Mapping[str, np.ndarray]
     ) -> Sources:
-        """Return the series of a row, in the order of `simulate`. verdicts: as `_verdicts`, which
-        are brought up to date.
+        """Return the series of a row, in the order of `simulate`. verdicts: the copies that
+        `_verdicts` has made, which are brought up to date.
         """
         memory = self.memory
         kinematic = self._controller.kinematic

@@ -61,19 +61,19 @@ class Current(Protocol):
         return None
 
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        """Velocity (n, 3) [m/s] in W at points p_W (n, 3) [m] and time t [s].
+        """Return the velocity (n, 3) [m/s] in W at points p_W (n, 3) [m] and time t [s].
 
         Raises `InvalidInput` for a time that the field does not cover.
         """
 
     def rate(self, p_W: Points, t: float) -> np.ndarray:
-        """``du/dt`` (n, 3) [m/s2] in W at fixed points p_W (n, 3) [m] and time t [s].
+        """Return ``du/dt`` (n, 3) [m/s2] in W at fixed points p_W (n, 3) [m] and time t [s].
 
         Raises `InvalidInput` where `velocity` does.
         """
 
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
-        """``du_i/dx_j`` (n, 3, 3) [1/s] in W at points p_W (n, 3) [m] and time t [s].
+        """Return ``du_i/dx_j`` (n, 3, 3) [1/s] in W at points p_W (n, 3) [m] and time t [s].
 
         Raises `InvalidInput` where `velocity` does.
         """
@@ -186,7 +186,7 @@ class ShearedCurrent(Current):
 
     @staticmethod
     def over_floor(velocity: ArrayLike, *, floor_z: float, thickness: Positive) -> ShearedCurrent:
-        """Power law ``velocity (height / thickness)^(1/7)`` of a turbulent boundary layer,
+        """Make the power law ``velocity (height / thickness)^(1/7)`` of a turbulent boundary layer,
         `velocity` (3,) [m/s] above it.
 
         floor_z [m] in W, thickness [m] of the layer. Raises `InvalidInput` for a thickness that is
@@ -231,7 +231,8 @@ class OnsetCurrent(UniformField):
     """[s] Time that the step takes."""
 
     def __init__(self, velocity: ArrayLike, *, start: Finite, rise: Positive) -> None:
-        """Velocity (3,) [m/s] once it has set in; start, rise [s] as the fields.
+        """velocity (3,) [m/s]: once the current has set in. start [s]: until which the water rests.
+        rise [s]: time that the step takes.
 
         Raises `InvalidInput` for a velocity that is not finite or faster than any sea, and a rise
         that is not > 0.
@@ -244,13 +245,13 @@ class OnsetCurrent(UniformField):
         return np.multiply.outer(self.growth(t), self.value)
 
     def growth(self, t: float) -> tuple[float, float]:
-        """Share of the whole velocity that there is at time t [s], and its rate [1/s]."""
+        """Return the share of the whole velocity that there is at time t [s], and its rate [1/s]."""
         share = (t - self.start) / self.rise
         return cosine_step(share), cosine_slope(share) / self.rise
 
 
 def cosine_step(share: float) -> float:
-    """Step from 0 at 0 to 1 at 1, level beyond both."""
+    """Evaluate a cosine step from 0 at 0 to 1 at 1, level beyond both."""
     return 0.5 - 0.5 * math.cos(math.pi * min(max(share, 0.0), 1.0))
 
 
@@ -263,7 +264,7 @@ def cosine_slope(share: float) -> float:
 
 @checked_dataclass(check=checked_constructor, eq=False)
 class GustyCurrent(Current):
-    """A first-order Gauss-Markov process on top of another current, the same everywhere.
+    """Gusts on top of another current, the same everywhere: a first-order Gauss-Markov process.
 
     The process is drawn at nodes `step` apart and joined by cubics, so that velocity and rate are
     continuous. Gusts carry water through a base that varies from place to place, which stays where
@@ -273,11 +274,11 @@ class GustyCurrent(Current):
     """
 
     base: Current = field(default_factory=StillWater)
-    """The current that it comes on top of."""
+    """Current that the gusts come on top of."""
     sigma: float | tuple[float, float, float] = 0.05
     """[m/s] standard deviation, per axis of W if three are given."""
     correlation_time: Positive = 10.0
-    """[s]"""
+    """[s] time constant of the gusts: longer ones are slower."""
     step: Positive = 0.5
     """[s] between nodes."""
     seed: Count = 0
@@ -310,8 +311,8 @@ class GustyCurrent(Current):
         return self.base.gradient(p_W, t)
 
     def gust(self, t: float) -> np.ndarray:
-        """Velocity [m/s] of the gust alone and its rate [m/s2] (2, 3) at time t [s], from the two
-        nodes on either side.
+        """Return the velocity [m/s] of the gust alone and its rate [m/s2] (2, 3) at time t [s],
+        from the two nodes on either side.
 
         Raises `InvalidInput` for a time before 0 or after a day.
         """
@@ -338,7 +339,7 @@ class _Path:
         self._nodes = (sigma * self._rng.standard_normal(3))[None, :]
 
     def nodes(self, start: int, end: int) -> np.ndarray:
-        """Nodes (end - start, 3) [m/s]."""
+        """Return the nodes (end - start, 3) [m/s] from `start` to `end`."""
         while end > len(self._nodes):
             block = self._kick * self._rng.standard_normal((_BLOCK, 3))
             previous = self._nodes[-1]
@@ -350,7 +351,7 @@ class _Path:
 
 
 def _flow(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """Velocities (..., 3) [m/s] that water may have."""
+    """Return velocities (..., 3) [m/s], checked to be such as water may have."""
     array = finite_array(what, values, shape)
     scale = max(1.0, float(np.abs(array).max(initial=0.0)))  # so that squares are numbers
     speed = scale * float(np.linalg.norm(array / scale, axis=-1).max(initial=0.0))

@@ -48,7 +48,7 @@ def _step(
     contact: seafloor_contact.ContactModel,
     stops: dynamic_step.JointStops,
 ) -> tuple[dynamic_step.StepModel, ca.Function]:
-    """Model of the step and its function, made once for many runs."""
+    """Make the model of the step and its function, once for many runs."""
     model = dynamic_step.StepModel(
         robot=robot,
         dynamics=dynamics.symbolic,
@@ -87,10 +87,11 @@ class DynamicPlant(Plant):
         stops: dynamic_step.JointStops | None = None,
         faults: tuple[Fault, ...] = (),
     ) -> None:
-        """Q0 (n_q,) [m, rad]: the start, at rest. max_step [s]. faults: those of sensors are left
-        out.
+        """q0 (n_q,) [m, rad]: start, at rest. max_step [s]: longest step. faults: those of sensors
+        are left out.
 
-        Raises `InvalidInput` for a max_step that is not > 0, and as `Robot.check_configuration`.
+        Raises `InvalidInput` for a max_step that is not > 0, and for a start that is no
+        configuration of the robot.
         """
         self._robot = robot
         self._unloaded = dynamics

@@ -61,9 +61,9 @@ class JointStops:
     """
 
     deflection: float = 1e-3
-    """[rad, or share of the robot's size] by which a stop gives way to `joint_strength`."""
+    """[rad, or share of the robot's size] Deflection of a stop under `joint_strength`."""
     settling: float = 0.01
-    """[s] damping of a stop, over its stiffness."""
+    """[s] Damping of a stop, over its stiffness."""
     creep: float = 1e-5
     """[rad/s, or share of the robot's size per second] Rate at which a locked joint gives way to
     `joint_strength`: less than a milliradian in a minute.
@@ -99,7 +99,8 @@ class StepModel:
 
 
 def step_function(model: StepModel) -> ca.Function:
-    """Function of one step of dt [s], whose first results are the first inputs of the next.
+    """Build the function of one step of dt [s], whose first results are the first inputs of the
+    next.
 
     ``q, v, thrust, thruster_energy, joint_energy, asked_thrust, asked_torque, share, offset, decay,
     u, Du_Dt, floor_z, floor_normal, brake, dt -> q, v, thrust, thruster_energy, joint_energy,
@@ -157,8 +158,8 @@ def _inputs(model: StepModel) -> dict[str, ca.SX]:
 
 
 def _velocity(model: StepModel, x: Mapping[str, ca.SX], tau: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Velocity (n_v,) [m/s, rad/s] after the step under the generalized force tau (n_v,), and the
-    contact (n_points,) [N].
+    """Compute the velocity (n_v,) [m/s, rad/s] after the step under the generalized force tau
+    (n_v,), and the contact (n_points,) [N].
     """
     q = x["q"]
     v = x["v"]
@@ -193,8 +194,8 @@ def _accelerated(A: ca.SX, v: ca.SX, impulse: ca.SX, locked: tuple[int, ...]) ->
 
 
 def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Generalized force (n_v,) [N, N m] of joints beyond their limits, and what it adds to G
-    (n_v,).
+    """Compute the generalized force (n_v,) [N, N m] of joints beyond their limits, and what it adds
+    to G (n_v,).
     """
     force = ca.SX.zeros(model.robot.n_v)
     slope = ca.SX.zeros(model.robot.n_v)
@@ -214,8 +215,8 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
 def _contact(
     model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX, dt: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Vertical force [N] per point, the generalized force (n_v,) [N, N m] of all, and what they add
-    to G (n_v, n_v).
+    """Compute the vertical force [N] on each point, the generalized force (n_v,) [N, N m] of all,
+    and what they add to G (n_v, n_v).
     """
     n_v = model.robot.n_v
     total = ca.SX.zeros(n_v)
@@ -240,8 +241,8 @@ def _contact(
 
 
 class PlantMemory(Layout):
-    """State of the plant, what acts on it, and the step that moves it; arguments as those of
-    `step_function`, by columns.
+    """State of the plant, what acts on it, and the step that moves it. Arrays are the arguments of
+    `step_function`, column after column.
     """
 
     step: FunctionField
@@ -257,19 +258,19 @@ class PlantMemory(Layout):
     step_dt: float
     """[s] Length of a step."""
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad]"""
+    """(n_q,) [m, rad] configuration."""
     v: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s]"""
+    """(n_v,) [m/s, rad/s] velocity."""
     a: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s2, rad/s2] mean acceleration over the last period, as an accelerometer would
     integrate it.
     """
     thrust: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N]"""
+    """(n_thrusters,) [N] thrust."""
     thruster_energy: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [J] so far."""
+    """(n_thrusters,) [J] electrical energy of the thrusters so far."""
     joint_energy: Annotated[Vector, Sized(1)]
-    """(1,) [J] so far."""
+    """(1,) [J] electrical energy of the joints so far."""
     asked_thrust: Annotated[Vector, Sized("n_thrusters")]
     """(n_thrusters,) [N] commanded thrust."""
     asked_torque: Annotated[Vector, Sized("n_joints")]
@@ -285,9 +286,9 @@ class PlantMemory(Layout):
     Du_Dt: Annotated[Vector, Sized("n_water")]
     """(3 * n_links,) [m/s2] the water's own accelerations at the links."""
     floor_z: Annotated[Vector, Sized("n_points")]
-    """(n_points,) [m]"""
+    """(n_points,) [m] height in W of the floor below each contact point."""
     floor_normal: Annotated[Vector, Sized("n_normals")]
-    """(3 * n_points,)"""
+    """(3 * n_points,) normal of the floor there, in W."""
     brake: float
     """1 where the brakes are locked, 0 where they are open."""
     torque: Annotated[Vector, Sized("n_joints")]
@@ -297,7 +298,7 @@ class PlantMemory(Layout):
     v_before: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] velocity at the beginning of the period."""
     q_next: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] after a step, as the next four."""
+    """(n_q,) [m, rad] configuration after a step."""
     v_next: Annotated[Vector, Sized("n_v")]
     thrust_next: Annotated[Vector, Sized("n_thrusters")]
     thruster_energy_next: Annotated[Vector, Sized("n_thrusters")]
@@ -346,7 +347,7 @@ def advance_plant(plant: PlantMemory) -> None:
 
 
 def plant_structure(model: StepModel, step: ca.Function) -> type[PlantMemory]:
-    """Type of the memory of a plant with this `step_function`."""
+    """Return the type of the memory of a plant with this `step_function`."""
     robot = model.robot
     n = len(model.thrusters.lower)
     n_points = len(model.points)

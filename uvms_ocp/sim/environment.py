@@ -19,11 +19,11 @@ class Environment:
     """
 
     seafloor: Seafloor
-    """Everywhere below."""
+    """Floor of the sea."""
     current: Current = field(default_factory=StillWater)
     """Current of the water."""
     obstacles: tuple[Obstacle, ...] = ()
-    """With names of their own."""
+    """Obstacles, each with a name of its own."""
 
     def __post_init__(self) -> None:
         require_distinct_names(self.obstacles)

@@ -1,5 +1,5 @@
-"""What the plant feels of its environment at one configuration: water at its links, the floor below
-its contact points.
+"""Sample the environment of a plant at one configuration: water at its links, the floor below its
+contact points.
 """
 
 from __future__ import annotations
@@ -57,7 +57,9 @@ class EnvironmentSampler:
 
     @property
     def changes(self) -> bool:
-        """The environment is to be sampled, as it is another one at other times or places."""
+        """True where the environment is another one at other times or places, and so is to be
+        sampled.
+        """
         return not (self._steady and self._flat)
 
     def bind(self, **outputs: np.ndarray) -> None:
@@ -73,8 +75,8 @@ class EnvironmentSampler:
             self._sample_floor(np.zeros((len(outputs["floor_z"]), 3)))
 
     def sample(self, q: np.ndarray, t: float, dt: float) -> None:
-        """Write what there is at configuration q (n_q,) [m, rad] and time t [s], for the next dt
-        [s].
+        """Write the water and the floor at configuration q (n_q,) [m, rad] and time t [s], for the
+        next dt [s].
         """
         sites = _NOWHERE
         if self._sites is not None:
@@ -109,8 +111,8 @@ class EnvironmentSampler:
 
 
 def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Function:
-    """Build the function ``q -> p_W (3, n_links + n_points)`` [m]: the links as
-    `SymbolicDynamics.link_positions`, then the points.
+    """Build the function ``q -> p_W (3, n_links + n_points)`` [m]: positions of the links, where
+    the water acts on them, then of the points.
 
     points (n_points, 3) [m]: contact points in B.
     """

@@ -37,7 +37,7 @@ class FaultyChannel:
 
     name: str
     disturb: Disturb
-    """(value, error (n,)) -> value: how an error acts on it."""
+    """Function ``value, error (n,) -> value`` by which an error acts on the value."""
     n: int
     """Components of an error."""
     origin: Any = None
@@ -52,7 +52,9 @@ class ChannelFaults:
     def __init__(
         self, channel: FaultyChannel, faults: Sequence[Fault], seed: np.random.SeedSequence
     ) -> None:
-        """Raises `InvalidInput` for values or joints that the channel does not have."""
+        """Set the faults up. Raises `InvalidInput` for values or joints that the channel does not
+        have.
+        """
         streams = map(np.random.default_rng, seed.spawn(len(faults)))
         self._faults = []
         for fault, rng in zip(faults, streams, strict=True):

@@ -47,9 +47,11 @@ class ValueRange:
     what: str
     """Meaning of the number in words, with its unit."""
     lower: float = -_LARGEST
-    """[unit of the value]"""
+    """[unit of the value] lowest number that is allowed, or, where `above`, not allowed any more.
+    """
     upper: float = _LARGEST
-    """[unit of the value]"""
+    """[unit of the value] highest number that is allowed, or, where `below`, not allowed any more.
+    """
     above: bool = False
     """True where `lower` itself is too little."""
     below: bool = False
@@ -198,9 +200,9 @@ class Fault:
     kind: str
     """Kind of fault of that target, such as ``frozen``."""
     values: tuple[float, ...] = ()
-    """[units of the kind]"""
+    """[units of the kind] numbers of the fault, such as a size or a share."""
     onset: float = 0.0
-    """[s]"""
+    """[s] time from which the fault is there."""
     end: Bound = math.inf
     """[s] Time from which all is well again; inf: never."""
 

@@ -155,7 +155,9 @@ class SingleTicks:
         recorder: Recorder,
         kept_readings: Mapping[str, Count] | None = None,
     ) -> None:
-        """Arguments: as of `simulate`, with fresh parts."""
+        """plant, sensors, estimator, controller: fresh ones. dt [s]: control period. kept_readings:
+        channels whose new readings are recorded, and how many numbers each has.
+        """
         self.plant = plant
         self.recorder = recorder
         self.t = 0.0

@@ -51,17 +51,17 @@ class LoopMemory(Layout):
     dt: float
     """[s] control period."""
     started: bool
-    """There is a command."""
+    """True where there was a command."""
     number: Annotated[list[int], Sized(len(CHANNELS))]
-    """(n_channels,) the `ChannelIndex` of each of `CHANNELS`."""
+    """(n_channels,) `ChannelIndex` of each of `CHANNELS`."""
     n_vehicle: int
-    """Velocities of the vehicle."""
+    """Number of velocities of the vehicle."""
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] true."""
+    """(n_q,) [m, rad] true configuration."""
     v: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] true."""
+    """(n_v,) [m/s, rad/s] true velocity."""
     a: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s2, rad/s2] true."""
+    """(n_v,) [m/s2, rad/s2] true acceleration."""
     measured: Annotated[list[Vector], Sized(N_CHANNELS, "n_measured")]
     """(9, n_measured) [unit of the channel, s] new readings, each with its time behind it; NaN for
     none.
@@ -71,19 +71,19 @@ class LoopMemory(Layout):
     response: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] velocity that commands have brought about."""
     braked: bool
-    """Joints are locked."""
+    """True where joints are locked."""
     has_range: bool
-    """There is an altimeter, whose range the filter estimates."""
+    """True where the robot has an altimeter, whose range the filter estimates."""
     range: Annotated[Vector, Sized(2)]
     """(2,) [m] range of the altimeter, and its standard deviation, NaN for none."""
     since: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] times at which the verdicts on the channels changed."""
     trusts: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) the `Trust` in each channel that there is, in the order of `Readings`."""
+    """(9,) `Trust` in each channel that there is, in the order of `Readings`."""
     news: bool
-    """A verdict changed."""
+    """True where the verdict on a channel changed."""
     verdict: int
-    """The `Freshness` that was told last."""
+    """`Freshness` that was logged last."""
     phase: int
     """Phase of the mission, at the beginning of the tick."""
     at_limits: Annotated[list[int], Sized("n_thrusters")]
@@ -91,7 +91,9 @@ class LoopMemory(Layout):
     before.
     """
     now_at_limits: Annotated[list[int], Sized("n_thrusters")]
-    """(n_thrusters,) up to this one."""
+    """(n_thrusters,) thrusters that were at their limits the last time that any was, up to this
+    tick.
+    """
 
 
 def move_plant(loop: LoopMemory, plant: PlantMemory) -> None:
@@ -102,7 +104,7 @@ def move_plant(loop: LoopMemory, plant: PlantMemory) -> None:
 
 
 def move_kinematic(loop: LoopMemory, plant: KinematicMemory) -> None:
-    """Begin a tick, as `move_plant`."""
+    """Begin a tick of a kinematic plant, which has moved by the last command."""
     if loop.started:
         advance_kinematic(plant)
     _begin_tick(loop, plant.q, plant.v, plant.a)
@@ -207,7 +209,7 @@ def repeat_range(loop: LoopMemory, health: HealthMemory) -> None:
 def inform_controller(
     loop: LoopMemory, health: HealthMemory, support: EstimateSupport, tick: TickMemory
 ) -> None:
-    """Give the controller the estimate and what is thought of the sensors."""
+    """Give the controller the estimate and the trust in the sensors."""
     tick.t = loop.t
     tick.q[:] = health.now.q
     tick.v[:] = health.now.v

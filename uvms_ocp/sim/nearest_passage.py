@@ -22,7 +22,7 @@ class ClosestApproach:
     """The smallest distance over a run; 0 or less is contact."""
 
     distance: float
-    """[m], infinite where there are no two shapes."""
+    """[m] smallest distance, infinite where there are no two shapes."""
     row: int
     """Row of the configurations given."""
     pair: str

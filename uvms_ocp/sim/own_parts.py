@@ -56,7 +56,7 @@ def require_plant(plant: Any) -> None:
 
 
 def takes_forces(plant: Any) -> bool:
-    """True for a plant that takes thrust and torque, and not velocities alone."""
+    """Check for a plant that takes thrust and torque, and not velocities alone."""
     if isinstance(plant, str):
         return plant == "dynamic"
     return bool(plant.takes_forces)
@@ -131,10 +131,12 @@ class Disturbance(Protocol):
 
 
 class FaultMaker(Protocol):
-    """Among ``Scenario(faults=...)``, beside each `Fault`: what goes wrong between the parts."""
+    """Maker of a user's own fault between the parts, for ``Scenario(faults=...)`` beside each
+    `Fault`.
+    """
 
     onset: float
-    """[s], 0 or more."""
+    """[s] time from which the fault is there, 0 or more."""
     end: float
     """[s] Time from which all is well again; inf: never."""
 

@@ -1,5 +1,5 @@
-"""Plants: what a command does to the true state. Kinematic, or a robot pushed by thrusters and
-motors through moving water.
+"""Plants: the interface by which a command advances the true state, and the kinematic plant of the
+paper.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Plant(Protocol):
     """Something with a true state that a command advances; built for one run, at its start."""
 
     state: State
-    """The true one: another value, or other arrays, after each step; with `a` where an
-    accelerometer is among the sensors.
+    """True state: another value, or other arrays, after each step; with `a` where an accelerometer
+    is among the sensors.
     """
 
     def step(self, command: Command, dt: float) -> None:
@@ -61,15 +61,15 @@ class KinematicMemory(Layout):
     """State of the kinematic plant, and the velocity that it is asked for."""
 
     integrate: FunctionField
-    """Q and change (n_v,) [m, rad] to `q_next`."""
+    """Function of q and a change (n_v,) [m, rad] that gives `q_next`."""
     t: float
     """[s] time of the state."""
     dt: float
     """[s] Control period."""
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad]"""
+    """(n_q,) [m, rad] configuration."""
     v: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s]"""
+    """(n_v,) [m/s, rad/s] velocity."""
     a: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s2, rad/s2] change of v in the last period, over its length."""
     asked: Annotated[Vector, Sized("n_v")]
@@ -77,7 +77,7 @@ class KinematicMemory(Layout):
     change: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m, rad] motion in a period."""
     q_next: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] after it."""
+    """(n_q,) [m, rad] configuration after a period."""
 
 
 def advance_kinematic(plant: KinematicMemory) -> None:
@@ -98,7 +98,9 @@ class KinematicPlant(Plant):
     """
 
     def __init__(self, robot: Robot, q0: np.ndarray, faults: tuple[Fault, ...] = ()) -> None:
-        """Q0 (n_q,) [m, rad]: the start. Raises `InvalidInput`, as `Robot.check_configuration`."""
+        """q0 (n_q,) [m, rad]: start. Raises `InvalidInput` for one that is no configuration of the
+        robot.
+        """
         self._robot = robot
         self.faults = faults
         structure = structure_of(

@@ -74,7 +74,7 @@ class HeightField(Seafloor):
     _low: np.ndarray = field(init=False, repr=False)
     """(3,) [m] corner of a box around all bumps."""
     _high: np.ndarray = field(init=False, repr=False)
-    """(3,) [m] its opposite corner."""
+    """(3,) [m] opposite corner of that box."""
 
     def __post_init__(self) -> None:
         bumps = np.vstack([self.centres.T, self.heights, self.radii**-2.0])
@@ -96,7 +96,7 @@ class HeightField(Seafloor):
         extent: Positive = 100.0,
         seed: Count = 0,
     ) -> HeightField:
-        """Protuberances drawn from `relief` (or its name in `RELIEFS`) over a square of side
+        """Draw protuberances from `relief` (or its name in `RELIEFS`) over a square of side
         `extent` [m].
 
         z [m]: height of the plane between and around them. centre [m]: x, y of the square in W.
@@ -121,7 +121,7 @@ class HeightField(Seafloor):
 
     @property
     def top(self) -> float:
-        """[m] z that no part of it is above."""
+        """Height [m] in W that no part of the floor is above."""
         return float(self._high[2])
 
     @checked_on_failure
@@ -129,7 +129,7 @@ class HeightField(Seafloor):
         return self.z + float(_elevation(self._bumps, x, y))
 
     def gradient(self, x: float, y: float) -> np.ndarray:
-        """Slope (2,) along x and y in W, at the point (x, y) [m]."""
+        """Return the slope (2,) along x and y in W, at the point (x, y) [m]."""
         return _slopes(self._bumps, np.array([[x, y]]))[1][0]
 
     @checked_on_failure
@@ -138,8 +138,8 @@ class HeightField(Seafloor):
 
     @checked_on_failure
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in
-        W.
+        """Return heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and
+        y in W.
         """
         elevations, slopes = _slopes(self._bumps, points)
         return self.z + elevations, _normals(slopes)
@@ -160,7 +160,7 @@ class HeightField(Seafloor):
         return (float(origin[2]) - self.z) / descent
 
     def _crossing(self, origin: np.ndarray, direction: np.ndarray) -> float | None:
-        """Distance [m] at which the ray meets a bump."""
+        """Return the distance [m] at which a ray meets a bump; `None` where it meets none."""
         # Part of the ray inside the box that holds all bumps, by the slab method; `None` where it
         # misses the box.
         slope = np.where(np.abs(direction) < LEVEL_RAY, LEVEL_RAY, direction)
@@ -223,7 +223,7 @@ class HeightField(Seafloor):
 
 
 def _elevation(bumps: np.ndarray, x: float | np.ndarray, y: float | np.ndarray) -> np.ndarray:
-    """Sum of the bumps (4, n) at a point, or (m,) at points whose x and y are columns (m, 1)."""
+    """Sum the bumps (4, n) at a point, or (m,) at points whose x and y are columns (m, 1)."""
     dx = bumps[0] - x
     dy = bumps[1] - y
     rest = np.maximum(1.0 - (dx * dx + dy * dy) * bumps[3], 0.0)
@@ -231,7 +231,7 @@ def _elevation(bumps: np.ndarray, x: float | np.ndarray, y: float | np.ndarray) 
 
 
 def _slopes(bumps: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sum (m,) [m] of the bumps (4, n) at points (m, 2) [m], and its gradient (m, 2)."""
+    """Sum the bumps (4, n) at points (m, 2) [m]; return the sum (m,) [m] and its gradient (m, 2)."""
     dx = bumps[0] - points[:, :1]
     dy = bumps[1] - points[:, 1:]
     rest = np.maximum(1.0 - (dx * dx + dy * dy) * bumps[3], 0.0)
@@ -243,7 +243,7 @@ def _slopes(bumps: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _normals(slopes: np.ndarray) -> np.ndarray:
-    """Unit normals (m, 3), upwards, of a surface with slopes (m, 2)."""
+    """Return the unit normals (m, 3), upwards, of a surface with slopes (m, 2)."""
     upwards = np.ones((len(slopes), 3))
     upwards[:, :2] = -slopes
     return upwards / np.sqrt((upwards * upwards).sum(axis=1))[:, None]
@@ -252,7 +252,7 @@ def _normals(slopes: np.ndarray) -> np.ndarray:
 def _near_ray(
     bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float
 ) -> np.ndarray:
-    """Mask (n,) of the bumps above which the ray passes between two distances."""
+    """Return a mask (n,) of the bumps above which the ray passes between two distances."""
     dx = bumps[0] - origin[0]
     dy = bumps[1] - origin[1]
     sideways = max(direction[0] ** 2 + direction[1] ** 2, LEVEL_RAY**2)
@@ -263,14 +263,18 @@ def _near_ray(
 
 
 def _box(centres: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (2,) [m] of the rectangle that holds all bumps; an empty rectangle without any."""
+    """Return the corners (2,) [m] of the rectangle that holds all bumps; an empty rectangle without
+    any.
+    """
     if not len(radii):
         return np.full(2, math.inf), np.full(2, -math.inf)
     return (centres - radii[:, None]).min(axis=0), (centres + radii[:, None]).max(axis=0)
 
 
 def _highest(centres: np.ndarray, heights: np.ndarray, radii: np.ndarray) -> float:
-    """Upper bound of the sum of bumps: each bump with all that overlap it, at their full height."""
+    """Return an upper bound [m] of the sum of bumps: each bump with all that overlap it, at their
+    full height.
+    """
     if not len(heights):
         return 0.0
     distances = np.linalg.norm(centres[:, None] - centres, axis=2)

@@ -32,9 +32,9 @@ class Disturbance(IntEnum):
 
     ADDED = 0
     TURNED = 1
-    """By a rotation vector in B."""
+    """Turned by a rotation vector in B."""
     ASKED = 2
-    """Python knows."""
+    """Disturbed by Python, which is asked."""
 
 
 class ChannelSampler(Layout):
@@ -42,29 +42,29 @@ class ChannelSampler(Layout):
 
     present: bool
     number: int
-    """A `ChannelIndex`."""
+    """`ChannelIndex` of the channel."""
     of_velocity: bool
-    """The value is a part of v, and not of q."""
+    """True where the value is a part of v, and not of q."""
     first: int
-    """Index at which that part begins."""
+    """Index at which that part begins in q or v."""
     size: int
     """Numbers of the value."""
     disturbance: int
-    """A `Disturbance`."""
+    """`Disturbance`, by its code."""
     exact: bool
-    """Without noise and bias."""
+    """True where the sensor has no noise and no bias."""
     rate: float
-    """[Hz] infinite for once per tick."""
+    """[Hz] rate of the readings, infinite for once per tick."""
     delay: float
-    """[s]"""
+    """[s] delay of the readings."""
     dropout: float
     """Probability that a reading is lost."""
     faulty: bool
-    """`strike` is asked about every sample."""
+    """True where `strike` is asked about every sample."""
     disturb: CallbackField
-    """`sample` by `error`."""
+    """Disturbs `sample` by `error`."""
     strike: CallbackField
-    """`sample`, `stamped`, `extra_delay` and `lost` as faults change them."""
+    """Lets faults change `sample`, `stamped`, `extra_delay` and `lost`."""
     error: Annotated[Vector, Sized("n_width")]
     """(n_width,) [unit of the channel] error of the sample."""
     errors: Annotated[list[Vector], Sized(N_DRAWN, "n_width")]
@@ -90,15 +90,15 @@ class ChannelSampler(Layout):
     taken: Annotated[Vector, Sized("n_room")]
     """(n_room,) [s] times at which the samples on their way were taken."""
     stamps: Annotated[Vector, Sized("n_room")]
-    """(n_room,) [s] `stamped`"""
+    """(n_room,) [s] times of the samples on their way, by the sensor's own clock."""
     values: Annotated[list[Vector], Sized("n_room", "n_width")]
-    """(n_room, n_width) [unit of the channel]"""
+    """(n_room, n_width) [unit of the channel] values of the samples on their way."""
     newest: float
     """[s] Time at which the reading was taken that arrived last."""
     fresh: bool
-    """A new one arrived at this tick."""
+    """True where a new reading arrived at this tick."""
     value: Annotated[Vector, Sized("n_width")]
-    """(n_width,) [unit of the channel] the last that arrived."""
+    """(n_width,) [unit of the channel] value of the reading that arrived last."""
     stamp: float
     """[s] Time of that reading, by its own clock."""
 
@@ -107,19 +107,19 @@ class SensorsMemory(Layout):
     """All sensors of a robot, and the true state that they sample."""
 
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad]"""
+    """(n_q,) [m, rad] true configuration."""
     v: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s]"""
+    """(n_v,) [m/s, rad/s] true velocity."""
     a: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s2, rad/s2]"""
+    """(n_v,) [m/s2, rad/s2] true acceleration."""
     gravity: Annotated[Vector, Sized(3)]
     """(3,) [m/s2] in W."""
     carried: bool
-    """The Doppler log is not at the origin of B, to which a gyroscope's reading carries its
-    velocity.
+    """True where the velocity of the DVL, which is not at the origin of B, is carried there by a
+    reading of the gyroscope.
     """
     log_at: Annotated[Vector, Sized(3)]
-    """(3,) [m] the Doppler log in B."""
+    """(3,) [m] position of the DVL in B."""
     flat: bool
     """True where the floor is a plane."""
     floor: float
@@ -131,21 +131,21 @@ class SensorsMemory(Layout):
     down.
     """
     find_range: CallbackField
-    """Finds the range to any other floor."""
+    """Asks Python for the range to a floor that is no plane."""
     range: float
     """[m] Range that the beam finds."""
     turn: FunctionField
-    """Quaternion (4,) and rotation vector (3,) in B to `turned`."""
+    """Function of a quaternion (4,) and a rotation vector (3,) in B that gives `turned`."""
     turned: Annotated[Vector, Sized(4)]
-    """(4,) """
+    """(4,) quaternion xyzw, turned by the vector."""
     n: int
-    """Channels that there are."""
+    """Number of channels that the robot has."""
     order: Annotated[list[int], Sized(N_CHANNELS)]
-    """(n,) their numbers, in the order of `Readings`."""
+    """(n,) `ChannelIndex` of these, in the order of `Readings`."""
     channels: Annotated[list[ChannelSampler], Sized(N_CHANNELS)]
     """Samplers of the channels, by `ChannelIndex`."""
     crowded: bool
-    """More readings of one were under way than there is room for."""
+    """True where more readings of a channel were under way than there is room for."""
 
 
 def read_sensors(sensors: SensorsMemory, t: float) -> None:
@@ -186,7 +186,7 @@ def _take_sample(sensors: SensorsMemory, sampler: ChannelSampler, t: float) -> N
 
 
 def _measure(sensors: SensorsMemory, sampler: ChannelSampler) -> None:
-    """Write the true value."""
+    """Write the true value of the channel into the sample."""
     for i in range(sampler.size):
         sampler.sample[i] = (
             sensors.v[sampler.first + i] if sampler.of_velocity else sensors.q[sampler.first + i]
@@ -210,7 +210,9 @@ def _range(sensors: SensorsMemory) -> float:
 
 
 def _carry_velocity(sensors: SensorsMemory, sampler: ChannelSampler) -> None:
-    """By the error of the gyroscope, if it has read anything."""
+    """Move the velocity to the origin of B, with the error that the gyroscope's last reading makes
+    there.
+    """
     gyroscope = sensors.channels[ChannelIndex.ANGULAR_VELOCITY]
     off = zeros(3)
     by = zeros(3)

@@ -24,10 +24,10 @@ _SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
 _FINEST = 3000  # cells a side of a mesh, more than can be drawn
 
 Corner = Annotated[np.ndarray, Shape(2), Range(open=True)]
-"""(2,) [m] x, y in W."""
+"""Point (2,) [m], x and y in W."""
 
 Points = Annotated[np.ndarray, Shape("n", 2)]
-"""(n, 2) [m] x, y in W."""
+"""Points (n, 2) [m], x and y in W."""
 
 
 class Seafloor(Protocol):
@@ -156,7 +156,9 @@ def floor_obstacle(
     """Return a square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a
     mesh.
 
-    centre, extent, spacing [m] as `floor_mesh` takes them; raises what it raises.
+    centre [m]: x, y of the square. extent [m]: its side. spacing [m]: distance between vertices.
+    Raises `InvalidInput` unless 0 < spacing <= extent, and for more than a few thousand cells a
+    side.
     """
     if isinstance(seafloor, FlatSeafloor):
         middle = np.array([*centre, seafloor.z - 0.5 * _SLAB])

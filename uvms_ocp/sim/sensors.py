@@ -52,7 +52,7 @@ class Altimeter:
         self._beam = AltimeterBeam(robot, frame)
 
     def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
-        """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
+        """Return the range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
         require_normalized(self.robot.model, q)
         return self._range(q)
 
@@ -144,7 +144,7 @@ class SensorSuite:
         """Return the last reading of every channel at time t [s], the time of the true `state`.
 
         Raises `InvalidInput` for a state without the acceleration that an accelerometer needs, and
-        as `check`.
+        where more readings are under way than fit.
         """
         q, v, a = self._truth
         q[:] = state.q
@@ -213,7 +213,7 @@ class Source(NamedTuple):
     disturb: Disturb = add
     disturbance: sampling.Disturbance = sampling.Disturbance.ADDED
     turn: np.ndarray | None = None
-    """(3, 3) into B, of the axes that errors are along."""
+    """(3, 3) rotation into B of the axes that errors are along."""
 
 
 def sources_of(robot: Robot, *, has_altimeter: bool) -> dict[str, Source]:

@@ -31,7 +31,7 @@ class SteppedCurrent(Current):
     base: Current
     """Current without the faults."""
     seafloor: Seafloor
-    """Through which nothing flows."""
+    """Floor, through which no water flows."""
     faults: tuple[Fault, ...]
     """Steps of the current."""
 

@@ -29,13 +29,13 @@ class Thrusters:
     """All thrusters of a robot. What one without power data takes is not known: NaN."""
 
     lower: np.ndarray
-    """(n,) [N]"""
+    """(n,) [N] lower limits of the thrust."""
     upper: np.ndarray
-    """(n,) [N]"""
+    """(n,) [N] upper limits of the thrust."""
     dead_zone: np.ndarray
-    """(n,) [N]"""
+    """(n,) [N] thrust below which a command gives none."""
     time_constant: np.ndarray
-    """(n,) [s]"""
+    """(n,) [s] time constants of the lag."""
     factor: np.ndarray
     """(n,) [W/N^exponent] electrical power at a thrust of 1 N, NaN where the file gives none."""
     exponent: np.ndarray
@@ -59,8 +59,7 @@ class Thrusters:
     def target(self, asked: Array, share: Array, offset: Array) -> Array:
         """Return the steady thrust (n,) [N] for a command asked (n,) [N].
 
-        share (n,) and offset (n,) [N]: the condition of the thrusters, as `ThrusterCondition` has
-        it.
+        share (n,) and offset (n,) [N]: `ThrusterCondition` of the thrusters.
         """
         within = clipped(asked, self.lower, self.upper)
         sound = where(ca.fabs(within) < self.dead_zone, 0.0, within)

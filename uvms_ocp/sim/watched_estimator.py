@@ -1,4 +1,4 @@
-"""Somebody else's estimator, whose measurements are looked at before anyone relies on them."""
+"""Check the estimates of a user's estimator before anyone relies on them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ def watched_estimator(estimator: Any, robot: Robot, name: str) -> StateEstimator
 
 
 class WatchedEstimator:
-    """A callable ``(Readings, t, command) -> StateEstimate`` that asks another one."""
+    """A user's estimator whose estimates are checked: a callable ``(Readings, t, command) ->
+    StateEstimate``.
+    """
 
     def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
         """name: what messages call it."""
@@ -65,7 +67,7 @@ class WatchedGates(WatchedEstimator):
     """Watched estimator that reports which readings it refuses."""
 
     def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
-        """Set up as `WatchedEstimator`. Raises `InvalidInput` for outcomes that the monitor cannot
+        """name: what messages call it. Raises `InvalidInput` for outcomes that the monitor cannot
         share.
         """
         super().__init__(estimator, robot, name)
@@ -83,7 +85,9 @@ class WatchedGates(WatchedEstimator):
             )
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
-        """Pass it on."""
+        """Ask the user's estimator to take its linear velocity for unknown; rests: and for zero, at
+        a guess.
+        """
         self._wrapped.inflate_velocity_variance(rests=rests)
 
 

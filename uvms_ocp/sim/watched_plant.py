@@ -1,4 +1,4 @@
-"""Somebody else's plant, whose state and telemetry are looked at before they are recorded."""
+"""Check states and telemetry of a user's plant before they are recorded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Somebody else's sensors, whose readings are looked at before the monitor sees them."""
+"""Check the readings of a user's sensors before the monitor sees them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _all = attrgetter(*CHANNELS)
 
 
 class WatchedSensors:
-    """A callable ``(State, t) -> Readings`` that asks another one."""
+    """A user's sensors whose readings are checked: a callable ``(State, t) -> Readings``."""
 
     def __init__(self, sensors: Any, robot: Robot, specs: SensorSpecs, name: str) -> None:
         """specs: which channels to expect. name: what messages call them. Raises `InvalidInput` for

@@ -130,22 +130,22 @@ def support_of(
     return support
 
 
-def update_age(m: channel_state.HealthMemory, support: EstimateSupport) -> None:
+def update_age(health: channel_state.HealthMemory, support: EstimateSupport) -> None:
     """Update the age of the least supported channel, and that of the joints.
 
     A channel without readings counts as old as its fallback, and ages from when that falls silent
     too or has replaced it for as long as it can.
     """
-    joints = m.channels[ChannelIndex.JOINT_POSITIONS].taken
+    joints = health.channels[ChannelIndex.JOINT_POSITIONS].taken
     if math.isnan(joints):
         support.joint_age = math.inf
     else:
-        support.joint_age = m.t - min(joints, m.t)
+        support.joint_age = health.t - min(joints, health.t)
     support.oldest = -1
-    oldest = m.t
+    oldest = health.t
     for k in range(support.n):
         number = support.needed[k]
-        supported_until = _supported_until(m, support, number)
+        supported_until = _supported_until(health, support, number)
         if math.isnan(supported_until):
             support.oldest = number
             support.age = math.inf
@@ -153,25 +153,27 @@ def update_age(m: channel_state.HealthMemory, support: EstimateSupport) -> None:
         if supported_until < oldest:
             oldest = supported_until
             support.oldest = number
-    support.age = m.t - oldest
+    support.age = health.t - oldest
 
 
-def _supported_until(m: channel_state.HealthMemory, support: EstimateSupport, number: int) -> float:
+def _supported_until(
+    health: channel_state.HealthMemory, support: EstimateSupport, number: int
+) -> float:
     """Return until when [s] readings support a channel, nan before its first one."""
-    taken_at = m.channels[number].taken
+    taken_at = health.channels[number].taken
     fallback = support.fallback[number]
-    by = m.channels[fallback].taken if fallback >= 0 else math.nan
+    by = health.channels[fallback].taken if fallback >= 0 else math.nan
     if math.isnan(taken_at) or math.isnan(by):
         return taken_at
     return max(taken_at, min(by, taken_at + support.max_duration[number]))
 
 
-def update_echo(m: channel_state.HealthMemory, support: EstimateSupport) -> None:
+def update_echo(health: channel_state.HealthMemory, support: EstimateSupport) -> None:
     """Update whether the altitude is supported: estimators predict it while the altimeter is
     suspect; a raw echo ages at once.
     """
-    channel = m.channels[ChannelIndex.ALTIMETER_RANGE]
-    old = support.exact and m.t - channel.taken > channel_state.LEAST_TO_SUSPECT
+    channel = health.channels[ChannelIndex.ALTIMETER_RANGE]
+    old = support.exact and health.t - channel.taken > channel_state.LEAST_TO_SUSPECT
     support.echo = not channel.present or (not old and channel.trust != Trust.LOST)
 
 
@@ -196,18 +198,18 @@ def pass_through_memory(estimator: PassThrough) -> PassThroughMemory:
     return memory
 
 
-def repeat(m: channel_state.HealthMemory, pass_through: PassThroughMemory) -> None:
+def repeat(health: channel_state.HealthMemory, pass_through: PassThroughMemory) -> None:
     """Copy the readings in use into `now`. A kernel."""
     at = 0
     there = 0
     for k in range(pass_through.n):
-        channel = m.channels[pass_through.of_q[k]]
+        channel = health.channels[pass_through.of_q[k]]
         for i in range(channel.size):
-            m.now.q[at] = channel.used_value[i]
+            health.now.q[at] = channel.used_value[i]
             at += 1
-        channel_memory = m.channels[pass_through.of_v[k]]
+        channel_memory = health.channels[pass_through.of_v[k]]
         for i in range(channel_memory.size):
-            m.now.v[there] = channel_memory.used_value[i]
+            health.now.v[there] = channel_memory.used_value[i]
             there += 1
 
 
@@ -254,61 +256,61 @@ class ChannelBuffer:
             self.memory.misshapen = self._texts.shape(value.shape, self._shape)
 
 
-def screen(m: channel_state.HealthMemory, t: float, moving: bool) -> None:
+def screen(health: channel_state.HealthMemory, t: float, moving: bool) -> None:
     """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
-    if m.started:
-        m.dt = max(t - m.t, 0.0)
+    if health.started:
+        health.dt = max(t - health.t, 0.0)
     else:
-        m.dt = 0.0
-    m.t = t
-    m.started = True
-    m.exposed = False
-    plausibility.integrate_command(m.encoders, moving, m.dt)
-    m.n_behind = 0
-    for k in range(m.n):
-        channel = m.channels[m.order[k]]
+        health.dt = 0.0
+    health.t = t
+    health.started = True
+    health.exposed = False
+    plausibility.integrate_command(health.encoders, moving, health.dt)
+    health.n_behind = 0
+    for k in range(health.n):
+        channel = health.channels[health.order[k]]
         if channel.fresh:
-            _screen_newest(m, channel)
+            _screen_newest(health, channel)
         if channel.behind:
-            m.n_behind += 1
+            health.n_behind += 1
     # Whether neither fixes nor a DVL have observed the velocity for a while, since that was last
     # so.
     last = max(
-        _last_observed(m.channels[ChannelIndex.POSITION]),
-        _last_observed(m.channels[ChannelIndex.LINEAR_VELOCITY]),
+        _last_observed(health.channels[ChannelIndex.POSITION]),
+        _last_observed(health.channels[ChannelIndex.LINEAR_VELOCITY]),
     )
-    m.velocity_unobserved = (
-        last > -math.inf and m.t - max(last, m.unobserved_at) > _LONGEST_UNOBSERVED
+    health.velocity_unobserved = (
+        last > -math.inf and health.t - max(last, health.unobserved_at) > _LONGEST_UNOBSERVED
     )
-    m.unobserved_at = t if m.velocity_unobserved else m.unobserved_at
+    health.unobserved_at = t if health.velocity_unobserved else health.unobserved_at
 
 
-def _last_observed(c: channel_state.ChannelMemory) -> float:
+def _last_observed(channel: channel_state.ChannelMemory) -> float:
     """Return the time [s] of the last reading in use, -inf before the first and without the
     channel.
     """
-    if not c.present or math.isnan(c.taken):
+    if not channel.present or math.isnan(channel.taken):
         return -math.inf
-    return c.taken
+    return channel.taken
 
 
-def judge(m: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:
+def judge(health: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:
     """Update the trust in every channel at time t [s]; is_estimated: `now` is one. Returns how many
     verdicts changed.
     """
-    m.t = t
-    m.now.t = t
+    health.t = t
+    health.now.t = t
     if is_estimated:
-        plausibility.remember(m.history, m.now)
+        plausibility.remember(health.history, health.now)
     n = 0
-    for k in range(m.n):
-        if channel_state.update_trust(m, m.channels[m.order[k]]):
+    for k in range(health.n):
+        if channel_state.update_trust(health, health.channels[health.order[k]]):
             n += 1
     return n
 
 
 def finish(
-    m: channel_state.HealthMemory, support: EstimateSupport, outcomes: Vector, t: float
+    health: channel_state.HealthMemory, support: EstimateSupport, outcomes: Vector, t: float
 ) -> int:
     """Take the filter's outcomes (36,), four numbers per channel, the support of its estimate
     `now`, and judge.
@@ -316,84 +318,91 @@ def finish(
     t [s] is the time of the tick. Returns how many verdicts changed.
     """
     if support.gating:
-        _update_all_outcomes(m, outcomes)
-    return _update_all_trust(m, support, t)
+        _update_all_outcomes(health, outcomes)
+    return _update_all_trust(health, support, t)
 
 
-def screen_tick(m: channel_state.HealthMemory) -> None:
+def screen_tick(health: channel_state.HealthMemory) -> None:
     """Screen the fresh readings, with the inputs of `screen` in memory. A kernel."""
-    screen(m, m.tick_t, m.moving)
+    screen(health, health.tick_t, health.moving)
 
 
-def finish_tick(m: channel_state.HealthMemory, support: EstimateSupport, outcomes: Vector) -> None:
+def finish_tick(
+    health: channel_state.HealthMemory, support: EstimateSupport, outcomes: Vector
+) -> None:
     """Judge all channels, with the time of `finish` in memory, where the number of changed verdicts
     is left. A kernel.
     """
-    m.n_changed = finish(m, support, outcomes, m.tick_t)
+    health.n_changed = finish(health, support, outcomes, health.tick_t)
 
 
 def screen_and_finish_tick(
-    m: channel_state.HealthMemory, support: EstimateSupport, pass_through: PassThroughMemory
+    health: channel_state.HealthMemory, support: EstimateSupport, pass_through: PassThroughMemory
 ) -> None:
     """Screen the fresh readings, and judge all channels by those in use, taken for the truth. A
     kernel.
     """
-    screen(m, m.tick_t, m.moving)
-    repeat(m, pass_through)
-    m.n_changed = _update_all_trust(m, support, m.tick_t)
+    screen(health, health.tick_t, health.moving)
+    repeat(health, pass_through)
+    health.n_changed = _update_all_trust(health, support, health.tick_t)
 
 
-def _update_all_trust(m: channel_state.HealthMemory, support: EstimateSupport, t: float) -> int:
-    update_age(m, support)
-    n = judge(m, t, support.age < math.inf)
-    update_echo(m, support)
+def _update_all_trust(
+    health: channel_state.HealthMemory, support: EstimateSupport, t: float
+) -> int:
+    update_age(health, support)
+    n = judge(health, t, support.age < math.inf)
+    update_echo(health, support)
     return n
 
 
-def _screen_newest(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -> None:
-    c.fresh = False
-    c.behind = True
-    if not c.started or c.stamp != c.seen:
-        c.started = True
-        c.seen = c.stamp
-        _screen_new(m, c)
-    c.misshapen = 0
-    if not c.behind:
-        c.used_value[: c.size] = c.value[: c.size]
+def _screen_newest(
+    health: channel_state.HealthMemory, channel: channel_state.ChannelMemory
+) -> None:
+    channel.fresh = False
+    channel.behind = True
+    if not channel.started or channel.stamp != channel.seen:
+        channel.started = True
+        channel.seen = channel.stamp
+        _screen_new(health, channel)
+    channel.misshapen = 0
+    if not channel.behind:
+        channel.used_value[: channel.size] = channel.value[: channel.size]
 
 
-def _screen_new(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -> None:
-    slot = plausibility.slot_at(m.history, c.stamp)
-    barred = channel_state.is_excluded(c, m.t)
-    belief = m.belief
-    screening.screen_reading(m, c, slot)
+def _screen_new(health: channel_state.HealthMemory, channel: channel_state.ChannelMemory) -> None:
+    slot = plausibility.slot_at(health.history, channel.stamp)
+    barred = channel_state.is_excluded(channel, health.t)
+    belief = health.belief
+    screening.screen_reading(health, channel, slot)
     if not belief.used:
-        channel_state.reject(c, belief.why, m.t)
-    elif not barred and screening.is_empty(c):
-        channel_state.accept_empty(c)
+        channel_state.reject(channel, belief.why, health.t)
+    elif not barred and screening.is_empty(channel):
+        channel_state.accept_empty(channel)
     elif not barred:
-        channel_state.accept(c, m.t)
+        channel_state.accept(channel, health.t)
     if belief.used and belief.why.code != Reason.NONE:
-        channel_state.suspect(c, belief.why, m.t)
+        channel_state.suspect(channel, belief.why, health.t)
     # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that
     # insists.
     is_compared = belief.used or (
-        belief.sane and (barred or c.number == ChannelIndex.POSITION or screening.is_persistent(c))
+        belief.sane
+        and (barred or channel.number == ChannelIndex.POSITION or screening.is_persistent(channel))
     )
-    if is_compared and slot >= 0 and not screening.is_empty(c):
-        screening.compare(m, c, m.history.kept[slot])
+    if is_compared and slot >= 0 and not screening.is_empty(channel):
+        screening.compare(health, channel, health.history.kept[slot])
 
 
-def _update_all_outcomes(m: channel_state.HealthMemory, outcomes: Vector) -> None:
+def _update_all_outcomes(health: channel_state.HealthMemory, outcomes: Vector) -> None:
     """Use every outcome once."""
-    for k in range(m.n):
-        number = m.order[k]
-        channel = m.channels[number]
+    for k in range(health.n):
+        number = health.order[k]
+        channel = health.channels[number]
         at = _N_OUTCOME * number
         if outcomes[at] > channel.compared_at:
             channel.compared_at = outcomes[at]
             channel_state.update_gate_outcome(
-                m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t
+                health, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, health.t
             )
 
 

@@ -30,7 +30,7 @@ class Distances:
     """Distances of all pairs at one configuration; negative where shapes overlap."""
 
     value: np.ndarray
-    """(n_pairs,) [m]"""
+    """(n_pairs,) [m] distances."""
     gradient: np.ndarray
     """(n_pairs, n_v) [-, m] rate of change of each distance per unit of each velocity."""
 
@@ -97,15 +97,15 @@ class CollisionModel:
 
     @property
     def n_solids(self) -> int:
-        """Shapes that are in some pair."""
+        """Number of shapes that are in some pair."""
         return len(shapes_in(self._pairs))
 
     def is_of(self, robot: Robot) -> bool:
-        """True where its shapes are on a robot of the same joints."""
+        """Check for a robot of the same joints as the one that the shapes are on."""
         return bool(self._model == robot.model)
 
     def write(self, memory: distance_kernels.DistanceMemory) -> None:
-        """Into a `DistanceMemory` of those sizes, or larger: the pairs, in their order. Raises
+        """Write the pairs, in their order, into a `DistanceMemory` that has room for them. Raises
         `InvalidInput` for a mesh.
         """
         if self.without_c_form:
@@ -211,15 +211,15 @@ def _checked_names(links: Sequence[str] | None, names: Sequence[str]) -> Sequenc
 
 
 def in_c(model: CollisionModel, robot: Robot | None) -> bool:
-    """True where kernels measure its pairs: all of them have machine code, and are on this
-    robot.
+    """Check whether kernels measure the pairs of a model: all of them have machine code, and are on
+    this robot.
     """
     return robot is not None and not model.by_coal and model.is_of(robot)
 
 
 def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None) -> dict[str, Any]:
-    """Sizes for `structure_of` layouts with a `DistanceMemory` for any of the models; Python
-    measures those not `in_c`.
+    """Return the sizes for `structure_of` layouts with a `DistanceMemory` for any of the models;
+    Python measures those not `in_c`.
     """
     all_models = list(models)
     n_pairs = max((model.n_pairs for model in all_models), default=0)

@@ -14,24 +14,26 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 
 FAR = 1e300
-"""[m2] what `squared` is of points that are no numbers."""
+"""[m2] `Simplex.squared` of points that are no numbers."""
 
 ROUNDS = 128
-"""Bound of a search; what it found is then what is told."""
+"""Largest number of steps of a search, whose last result counts."""
 _TURNS = 3  # of nearest points, after which most pairs are almost done
 # of the distance, by which none can be smaller: its square root is what the normal is wrong by
 _EXACT = 1e-12
 _STALLS = 4  # rounds without a gain, after which rounding is all that is left
 TOUCHING = 1e-9
-"""[m] nearer solids count as overlapping, as rounding is all that is left of a direction."""
+"""[m] distance below which solids count as overlapping, as rounding is all that is left of a
+direction.
+"""
 
 
 # Solids that have a form in C: a box, a disk across the z axis and a ball, added up (Minkowski).
 
 
 class Solid(Layout):
-    """A sphere is a ball, a capsule a segment and a ball, a cylinder a segment and a disk, a box
-    itself.
+    """A convex solid as a sum: a sphere is a ball, a capsule a segment and a ball, a cylinder a
+    segment and a disk, a box itself.
 
     Each looks the same from either side of its middle, and none has both a disk and a box that is
     wider than a segment.
@@ -40,17 +42,17 @@ class Solid(Layout):
     half: Annotated[Vector, Sized(3)]
     """(3,) [m] half sides of the box; along z alone it is a segment."""
     disk: float
-    """[m] radius."""
+    """[m] radius of the disk."""
     ball: float
-    """[m] radius."""
+    """[m] radius of the ball."""
     size: float
     """[m] radius of the ball around the middle that holds all of it."""
     joint: int
     """Number of the joint whose body carries the shape, from 0; -1 where it stands still in W."""
     R_JS: Annotated[Vector, Sized(9)]
-    """(9,) on that body, row after row."""
+    """(9,) rotation of the solid on that body, row after row."""
     p_JS: Annotated[Vector, Sized(3)]
-    """(3,) [m]"""
+    """(3,) [m] position of the solid on that body."""
     R: Annotated[Vector, Sized(9)]
     """(9,) R_WS, row after row."""
     p: Annotated[Vector, Sized(3)]
@@ -58,8 +60,8 @@ class Solid(Layout):
 
 
 def farthest(s: Solid, d: Vector, point: Vector) -> None:
-    """The point (3,) [m] of box and disk that is farthest along d (3,), in the solid's frame. A
-    kernel.
+    """Write the point (3,) [m] of box and disk that is farthest along d (3,), in the solid's frame.
+    A kernel.
     """
     across = math.sqrt(d[0] * d[0] + d[1] * d[1])
     share = s.disk / across if across > 0.0 else 0.0
@@ -69,8 +71,8 @@ def farthest(s: Solid, d: Vector, point: Vector) -> None:
 
 
 def nearest_point(s: Solid, x: Vector, point: Vector) -> None:
-    """The point (3,) [m] of box and disk that is nearest to x (3,) [m], in the solid's frame. A
-    kernel.
+    """Write the point (3,) [m] of box and disk that is nearest to x (3,) [m], in the solid's frame.
+    A kernel.
     """
     for i in range(3):
         point[i] = min(s.half[i], max(-s.half[i], x[i]))
@@ -85,43 +87,43 @@ def nearest_point(s: Solid, x: Vector, point: Vector) -> None:
 
 
 def height(s: Solid, d: Vector) -> float:
-    """Extent of a solid along d [m times its length]. A kernel."""
+    """Return the extent of a solid along d [m times the length of d]. A kernel."""
     box = s.half[0] * abs(d[0]) + s.half[1] * abs(d[1]) + s.half[2] * abs(d[2])
     return box + s.disk * math.sqrt(d[0] * d[0] + d[1] * d[1])
 
 
 def rotated(R: Vector, x: Vector, y: Vector) -> None:
-    """Y = R x; R (9,) row after row, x and y (3,) not the same. A kernel."""
+    """Compute y = R x; R (9,) row after row, x and y (3,) not the same array. A kernel."""
     for i in range(3):
         y[i] = R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2]
 
 
 def turned_back(R: Vector, x: Vector, y: Vector) -> None:
-    """Y = R.T x. A kernel."""
+    """Compute y = R.T x; R (9,) row after row, x and y (3,) not the same array. A kernel."""
     for i in range(3):
         y[i] = R[i] * x[0] + R[3 + i] * x[1] + R[6 + i] * x[2]
 
 
 def between(R: Vector, S: Vector, T: Vector) -> None:
-    """T = R.T S, all (9,) row after row. A kernel."""
+    """Compute T = R.T S, all (9,) row after row. A kernel."""
     for i in range(3):
         for j in range(3):
             T[3 * i + j] = R[i] * S[j] + R[3 + i] * S[3 + j] + R[6 + i] * S[6 + j]
 
 
 def dot(x: Vector, y: Vector) -> float:
-    """X.T y of (3,). A kernel."""
+    """Return x.T y of two vectors (3,). A kernel."""
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
 
 def subtract(x: Vector, y: Vector, z: Vector) -> None:
-    """Z = x - y, all (3,). A kernel."""
+    """Compute z = x - y, all (3,). A kernel."""
     for i in range(3):
         z[i] = x[i] - y[i]
 
 
 def cross(x: Vector, y: Vector, z: Vector) -> None:
-    """Z = x cross y, all (3,), z neither of both. A kernel."""
+    """Compute z = x cross y, all (3,), z neither of both. A kernel."""
     z[0] = x[1] * y[2] - x[2] * y[1]
     z[1] = x[2] * y[0] - x[0] * y[2]
     z[2] = x[0] * y[1] - x[1] * y[0]
@@ -132,30 +134,32 @@ def cross(x: Vector, y: Vector, z: Vector) -> None:
 
 
 class Simplex(Layout):
-    """In the frame of the first solid, A; the second is B."""
+    """Up to four points of the difference A - B of two solids, in the frame of the first solid, A."""
 
     n: int
-    """Points."""
+    """Number of points."""
     a: Annotated[list[Vector], Sized(4, 3)]
-    """(4, 3) [m] of A."""
+    """(4, 3) [m] points of A."""
     b: Annotated[list[Vector], Sized(4, 3)]
-    """(4, 3) [m] of B, in the frame of B."""
+    """(4, 3) [m] points of B, in the frame of B."""
     w: Annotated[list[Vector], Sized(4, 3)]
-    """(4, 3) [m] a - b."""
+    """(4, 3) [m] their differences a - b."""
     v: Annotated[Vector, Sized(3)]
-    """(3,) [m] the nearest point."""
+    """(3,) [m] point of their hull that is nearest to the origin."""
     squared: float
-    """[m2] from the origin to it."""
+    """[m2] squared distance from the origin to it."""
     inside: bool
-    """The origin is inside of four points."""
+    """True where the origin is inside of four points."""
     pick: Annotated[list[int], Sized(3)]
-    """Which points it lies between."""
+    """Points that it lies between."""
     lot: Annotated[Vector, Sized(3)]
-    """(3,) their shares."""
+    """(3,) shares of these points."""
 
 
 def find_nearest(simplex: Simplex) -> None:
-    """The nearest point of the hull of all points, or that the origin is inside. A kernel."""
+    """Find the point of the hull of all points that is nearest to the origin, or that this is
+    inside. A kernel.
+    """
     simplex.squared = FAR
     simplex.inside = simplex.n == 4 and holds_origin(simplex)
     if simplex.n == 1:
@@ -169,7 +173,7 @@ def find_nearest(simplex: Simplex) -> None:
 
 
 def try_faces(simplex: Simplex) -> None:
-    """On the four faces. A kernel."""
+    """Look for the nearest point on the four faces. A kernel."""
     try_face(simplex, 0, 1, 2)
     try_face(simplex, 0, 1, 3)
     try_face(simplex, 0, 2, 3)
@@ -177,7 +181,7 @@ def try_faces(simplex: Simplex) -> None:
 
 
 def try_edge(simplex: Simplex, i: int, j: int) -> None:
-    """Between two points. A kernel."""
+    """Look for the nearest point between two points. A kernel."""
     e = zeros(3)
     wi = simplex.w[i]
     wj = simplex.w[j]
@@ -190,7 +194,7 @@ def try_edge(simplex: Simplex, i: int, j: int) -> None:
 
 
 def try_face(simplex: Simplex, i: int, j: int, k: int) -> None:
-    """Between three points. A kernel."""
+    """Look for the nearest point between three points. A kernel."""
     e = zeros(3)
     f = zeros(3)
     normal = zeros(3)
@@ -304,13 +308,13 @@ class RelativePlacement(Layout):
     p: Annotated[Vector, Sized(3)]
     """(3,) [m] p_AB."""
     simplex: Simplex
-    """Its points enclose the nearest ones."""
+    """Simplex whose points enclose the nearest ones."""
     normal: Annotated[Vector, Sized(3)]
-    """(3,) from A to B."""
+    """(3,) unit normal from A to B."""
     distance: float
-    """[m] negative where they overlap."""
+    """[m] distance, negative where they overlap."""
     at: Annotated[Vector, Sized(3)]
-    """(3,) [m] the nearest point of A."""
+    """(3,) [m] nearest point of A."""
 
 
 def place_relative(placement: RelativePlacement, a: Solid, b: Solid) -> None:
@@ -322,7 +326,9 @@ def place_relative(placement: RelativePlacement, a: Solid, b: Solid) -> None:
 
 
 def begin_search(placement: RelativePlacement, a: Solid, b: Solid) -> None:
-    """One point of each, which lie near each other: nearest to the other's, in turn. A kernel."""
+    """Begin with one point of each solid, which lie near each other: nearest to the other's, in
+    turn. A kernel.
+    """
     x = zeros(3)
     y = zeros(3)
     simplex = placement.simplex
@@ -340,7 +346,7 @@ def begin_search(placement: RelativePlacement, a: Solid, b: Solid) -> None:
 
 
 def place_difference(placement: RelativePlacement, k: int) -> None:
-    """The difference of the k-th points. A kernel."""
+    """Compute the difference of the k-th points. A kernel."""
     there = zeros(3)
     simplex = placement.simplex
     rotated(placement.R, simplex.b[k], there)
@@ -349,7 +355,7 @@ def place_difference(placement: RelativePlacement, k: int) -> None:
 
 
 def add_support(placement: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
-    """The points of A and B whose difference is farthest along d (3,). A kernel."""
+    """Add the points of A and B whose difference is farthest along d (3,). A kernel."""
     simplex = placement.simplex
     back = zeros(3)
     farthest(a, d, simplex.a[simplex.n])
@@ -400,7 +406,7 @@ def write_support(placement: RelativePlacement, a: Solid, b: Solid) -> None:
 
 
 def write_separation(placement: RelativePlacement) -> None:
-    """Distance, normal and nearest point from what the search ended with. A kernel."""
+    """Write distance, normal and nearest point from what the search ended with. A kernel."""
     simplex = placement.simplex
     placement.distance = math.sqrt(simplex.squared)
     if not simplex.squared < FAR:

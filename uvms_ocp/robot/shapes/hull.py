@@ -15,8 +15,8 @@ from uvms_ocp.robot.robot import Robot
 
 
 def skid_points(robot: Robot) -> np.ndarray:
-    """Lower corners (4, 3) [m] of the box around the vehicle's collision shapes, in the frame of
-    the vehicle.
+    """Return the lower corners (4, 3) [m] of the box around the vehicle's collision shapes, in the
+    frame of the vehicle.
 
     (0, 3) for a robot with a fixed base or without collision shapes on its vehicle.
     """

@@ -23,7 +23,7 @@ from uvms_ocp.robot.shapes.signed_distance import PairContact, SignedDistances
 _DISTANCE_TOLERANCE = 1e-9
 _MAX_ITERATIONS = 512
 FAILED = -1e3
-"""[m] What coal reports below it is no distance but a search that failed."""
+"""[m] value of coal below which it is no distance, but a search that failed."""
 
 
 class CoalPairs:

@@ -36,7 +36,7 @@ from uvms_ocp.robot.shapes.gjk import (
 _PARALLEL = 1e-20  # squared sine of edges that span no face
 
 GROWTH = 96
-"""Points that a polytope grows by at most."""
+"""Largest number of points by which a polytope grows."""
 POINTS = GROWTH + 6
 FACES = 2 * POINTS
 _OPEN = 1e-7  # [m] between a face and what lies beyond it
@@ -45,7 +45,7 @@ _SEEN = 1e-13  # [m] by which a point lies beyond a face that goes
 
 
 def try_axes(placement: RelativePlacement, a: Solid, b: Solid) -> None:
-    """The shallowest of these directions, and the distance along it. A kernel."""
+    """Find the shallowest of the separating axes, and the distance along it. A kernel."""
     placement.distance = -math.inf
     for i in range(3):
         try_face_and_edges(placement, a, b, i)
@@ -53,7 +53,7 @@ def try_axes(placement: RelativePlacement, a: Solid, b: Solid) -> None:
 
 
 def try_face_and_edges(placement: RelativePlacement, a: Solid, b: Solid, i: int) -> None:
-    """Along the i-th axes of both, and across that of A and any of B. A kernel."""
+    """Try the i-th axes of both, and the directions across that of A and any of B. A kernel."""
     along = zeros(3)
     edge = zeros(3)
     both = zeros(3)
@@ -118,14 +118,14 @@ class Hull(Layout):
     """A polytope inside of A - B, in the frame of A."""
 
     n: int
-    """Points."""
+    """Number of points."""
     w: Annotated[list[Vector], Sized(POINTS, 3)]
-    """(n, 3) [m]"""
+    """(n, 3) [m] points."""
     n_faces: int
     face: Annotated[list[list[int]], Sized(FACES, 3)]
-    """(n_faces, 3) points of each."""
+    """(n_faces, 3) points of each face."""
     normal: Annotated[list[Vector], Sized(FACES, 3)]
-    """(n_faces, 3) outward."""
+    """(n_faces, 3) outward normal of each face."""
     offset: Annotated[Vector, Sized(FACES)]
     """(n_faces,) [m] of the face along its normal; from the origin, if that is inside."""
     n_edges: int
@@ -134,7 +134,7 @@ class Hull(Layout):
 
 
 def expand_polytope(hull: Hull, placement: RelativePlacement, a: Solid, b: Solid) -> None:
-    """Find a shallower direction than that of `m`, or that there is none. A kernel."""
+    """Find a shallower direction than that of `placement`, or that there is none. A kernel."""
     enclose(hull, placement, a, b)
     for _ in range(GROWTH):
         k = nearest_face(hull)
@@ -162,7 +162,7 @@ def write_polytope_support(
 
 
 def nearest_face(hull: Hull) -> int:
-    """The face with the smallest offset. A kernel."""
+    """Return the face with the smallest offset. A kernel."""
     nearest = 0
     for k in range(1, hull.n_faces):
         if hull.offset[k] < hull.offset[nearest]:
@@ -198,8 +198,8 @@ def enclose(hull: Hull, placement: RelativePlacement, a: Solid, b: Solid) -> Non
 def add_opposite(
     hull: Hull, placement: RelativePlacement, a: Solid, b: Solid, d: Vector, u: Vector
 ) -> None:
-    """Two points, farthest along d (3,) and against it, and from the middle to the first, u (3,)
-    [m]. A kernel.
+    """Add two points, farthest along d (3,) and against it; u (3,) [m] becomes the way from the
+    middle to the first. A kernel.
     """
     write_polytope_support(hull, placement, a, b, d)
     for i in range(3):
@@ -209,7 +209,7 @@ def add_opposite(
 
 
 def add_face(hull: Hull, placement: RelativePlacement, i: int, j: int, k: int) -> None:
-    """Between three points, outward. A kernel."""
+    """Add the face between three points, outward. A kernel."""
     e = zeros(3)
     f = zeros(3)
     n = hull.normal[hull.n_faces]
@@ -248,8 +248,8 @@ def remove_visible_faces(hull: Hull) -> None:
 
 
 def toggle_edge(hull: Hull, i: int, j: int) -> None:
-    """An edge of a face that goes, which is of the hole unless the other face goes too. A
-    kernel.
+    """Note an edge of a face that goes as one of the hole, or forget it where the other face goes
+    too. A kernel.
     """
     for k in range(hull.n_edges):
         if (hull.edge[k][0] == i and hull.edge[k][1] == j) or (
@@ -265,7 +265,7 @@ def toggle_edge(hull: Hull, i: int, j: int) -> None:
 
 
 def drop_face(hull: Hull, k: int) -> None:
-    """The last one takes its place. A kernel."""
+    """Drop a face, whose place the last one takes. A kernel."""
     hull.n_faces -= 1
     last = hull.n_faces
     hull.face[k][:] = hull.face[last]
@@ -274,8 +274,8 @@ def drop_face(hull: Hull, k: int) -> None:
 
 
 def fill_hole(hull: Hull, placement: RelativePlacement) -> bool:
-    """Faces from the edges of the hole to the new point; false where there is no room for them. A
-    kernel.
+    """Add faces from the edges of the hole to the new point; return false where there is no room
+    for them. A kernel.
     """
     if hull.n_faces + hull.n_edges > FACES or hull.n_edges < 3 or hull.n + 1 >= POINTS:
         return False

@@ -84,8 +84,8 @@ def reach(
 
 
 def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
-    """Vehicle pose, level and facing the target (3,) [m] in W, from which the tool at its present
-    posture is just there.
+    """Return the vehicle pose, level and facing the target (3,) [m] in W, from which the tool at
+    its present posture is just there.
     """
     p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
     d = target - origin.translation
@@ -107,18 +107,20 @@ class Circle:
     across: np.ndarray
     """(3,) horizontal unit vector in the plane of the circle."""
     radius: float
-    """[m]"""
+    """[m] radius of the circle."""
     turns: float
     duration: float
     """[s] duration of all turns."""
 
     @property
     def end(self) -> float:
-        """[s]"""
+        """Time [s] at which the point is at rest again."""
         return float(self.duration)
 
     def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:
-        """Pose, of which the orientation has no meaning, and rate (6,) at time t [s]."""
+        """Return the pose, of which the orientation has no meaning, and its rate (6,) at time t
+        [s].
+        """
         s = min(max(t / self.duration, 0.0), 1.0)
         angle = 2 * math.pi * self.turns * s**2 * (3.0 - 2.0 * s)
         speed = 2 * math.pi * self.turns * 6.0 * s * (1.0 - s) / self.duration
@@ -137,8 +139,8 @@ def bluerov_inspection(
     turning: Period = 24.0,
     **options: Any,
 ) -> Scenario:
-    """Valve turning by a BlueROV2 with a four-joint arm: approach, hold, follow a circular tool
-    path.
+    """Return a mission of valve turning by a BlueROV2 with a four-joint arm: approach, hold, follow
+    a circular tool path.
 
     The tool goes turns times around a circle of radius [m] about the valve, target (3,) [m] in W,
     within turning [s] and stays within 0.02 m of it all the time, while the valve stays within 0.4

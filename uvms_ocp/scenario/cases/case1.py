@@ -56,17 +56,17 @@ class Thresholds:
     """Thresholds that end the phases of Case 1."""
 
     way_point: Magnitude = 0.1
-    """[m] A to B."""
+    """[m] distance to the way point at which phase A ends."""
     misalignment: Magnitude = 0.07
-    """[rad] B to C, and held through C."""
+    """[rad] misalignment at which phase B ends, and which phase C keeps."""
     landing_altitude: Magnitude = 0.17
-    """[m] C to D."""
+    """[m] altitude at which phase C ends."""
     landing_hold: Magnitude = 0.2
     """[s] time for which the landing altitude is held."""
     tool_position: Magnitude = 1e-3
-    """[m] end of D."""
+    """[m] position error of the tool at which phase D ends."""
     tool_orientation: Magnitude = 1e-3
-    """[rad] end of D."""
+    """[rad] orientation error of the tool at which phase D ends."""
     tool_hold: Magnitude = 1.0
     """[s] time for which the tool is held."""
 
@@ -93,7 +93,8 @@ def case1(
     thresholds: Thresholds | None = None,
     **options: Any,
 ) -> Scenario:
-    """Way point, alignment, landing, tool frame ([Gao2022] Case 1, Tables 3 and 4).
+    """Return Case 1 of the paper: way point, alignment, landing, tool frame ([Gao2022] Tables 3 and
+    4).
 
     An arm that is shorter than the paper's has its way point as much nearer to the target, and one
     of less than six joints, which meets no pose from where the vehicle stands, brings its tool to
@@ -137,8 +138,8 @@ def case1(
 
 @checked
 def case1_unreachable(**options: Any) -> Scenario:
-    """Case 1 with a way point from which, once landed, the arm stays 0.2 to 0.4 m short of its
-    target.
+    """Return Case 1 with a way point from which, once landed, the arm stays 0.2 to 0.4 m short of
+    its target.
 
     Pre-flight refuses it and suggests a way point that is near enough. Options as for `case1`.
     """
@@ -149,8 +150,8 @@ def case1_unreachable(**options: Any) -> Scenario:
 
 
 def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray, float]:
-    """Shares (3,) of the way from the paper's way point to its target for a robot's own arm, its
-    posture and a bearing.
+    """Return shares (3,) of the way from the paper's way point to its target for the arm of a
+    robot, its posture and a bearing.
 
     Shares are at most 1. The posture (n_joints,) [rad or m] is the stowed one, of an arm that is
     too short one that is carried ahead, where it has nothing in its way from a vehicle on the
@@ -205,7 +206,7 @@ def _beside(target: np.ndarray, way_point: pin.SE3, bearing: float) -> Point:
 
 
 def _tool_joints(robot: Robot) -> list[str]:
-    """Joints that move the tool against the vehicle, from the first on."""
+    """Return the joints that move the tool against the vehicle, from the first on."""
     model = robot.model
     if robot.has_frame("tool"):
         moving = model.supports[model.frames[robot.frame_id("tool")].parentJoint]
@@ -221,8 +222,8 @@ def case1_tasks(
     tool_goal: pin.SE3 | PoseReference,
     posture: np.ndarray,
 ) -> list[Task]:
-    """[Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT, and a posture
-    (n_joints,) [rad or m].
+    """Return the tasks of [Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT, and
+    a posture (n_joints,) [rad or m].
     """
     wrist = robot.joint_names[-_N_POSTURE_JOINTS:]
     tool: ToolPose | ToolPosition
@@ -243,7 +244,7 @@ def case1_tasks(
 
 
 def case1_phases(thresholds: Thresholds, *, pose: bool = True) -> tuple[Phase, ...]:
-    """[Gao2022] Table 4; without pose the orientation of the tool is free."""
+    """Return the phases of [Gao2022] Table 4; without pose the orientation of the tool is free."""
     aligned = Below(quantity="AT.misalignment", limit=thresholds.misalignment)
     arrived = Below(quantity="PC.position_error", limit=thresholds.way_point)
     landed = Below(quantity="LA.altitude", limit=thresholds.landing_altitude)
@@ -279,8 +280,8 @@ def case1_phases(thresholds: Thresholds, *, pose: bool = True) -> tuple[Phase, .
 
 @checked
 def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) -> Scenario:
-    """Case 1 in a current that sets in during phase D and pushes the vehicle off, for null velocity
-    is not position.
+    """Return Case 1 in a current that sets in during phase D and pushes the vehicle off: no
+    velocity is not a position.
 
     With back-steps the manager sees the vehicle adrift, returns to A and completes D at the second
     attempt, in the current. Without them the vehicle ends more than 0.3 m off its place and the
@@ -304,7 +305,7 @@ def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) 
 
 
 def with_back_step(phase: Phase, retries: int) -> Phase:
-    """Phase D with a way back to A where the vehicle is adrift; other phases as they are."""
+    """Return phase D with a way back to A where the vehicle is adrift; other phases as they are."""
     back = Transition(to="A", when=(ADRIFT,), hold=0.5, retries=retries)
     if phase.name == "D":
         return replace(phase, transitions=(*phase.transitions, back))
@@ -316,8 +317,8 @@ def with_back_step(phase: Phase, retries: int) -> Phase:
 
 @checked
 def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
-    """Case 1 with a way point whose attitude is pitched by 0.3 rad, and PC above HA ([Gao2022],
-    after Table 3).
+    """Return Case 1 with a way point whose attitude is pitched by 0.3 rad, and PC above HA
+    ([Gao2022], after Table 3).
 
     Swapped, the vehicle follows the way point's attitude and tilts by more than 0.1 rad; in the
     right order HA keeps the tilt below 0.1 rad. Both reach the target. Other options as for
@@ -345,8 +346,8 @@ def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
 def two_targets(
     *, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -0.7, **options: Any
 ) -> Scenario:
-    """Case 1 twice: tool pose 1, then the vehicle takes off, moves 1.8 m, lands again and reaches
-    tool pose 2.
+    """Return Case 1 twice: tool pose 1, then the vehicle takes off, moves 1.8 m, lands again and
+    reaches tool pose 2.
 
     second (3,) [m]: the second target in W, second_yaw [rad]: the heading of the vehicle at its way
     point. Phases are A1 to D1 and A2 to D2, over one hierarchy; goals belong to the phases. Both
@@ -376,7 +377,7 @@ def two_targets(
 
 
 def _renamed(phases: Sequence[Phase], suffix: str, after: str) -> Iterator[Phase]:
-    """Phases whose names end in `suffix`; the last leads on to `after`."""
+    """Yield the phases with names that end in `suffix`; the last leads on to `after`."""
     names = {DONE: after, **{phase.name: phase.name + suffix for phase in phases}}
     for phase in phases:
         exits = tuple(

@@ -30,7 +30,7 @@ from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose, ToolPosition, 
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
 
 ROCK = obstacle("rock", coal.Sphere(0.12), (12.25, 37.1, -39.8))
-"""Stands beside the target, in the way of the elbow."""
+"""Obstacle beside the target, in the way of the elbow."""
 _SHARE = 0.4  # of the joint limits that the plan uses: the rest is for the tool task to correct
 
 
@@ -42,8 +42,8 @@ def case2(
     clearance: float = 0.05,
     **options: Any,
 ) -> Scenario:
-    """Case 1 with an arm trajectory planned by minimum snap and soft collision cost ([Gao2022] Case
-    2).
+    """Return Case 1 with an arm trajectory planned by minimum snap and soft collision cost
+    ([Gao2022] Case 2).
 
     The trajectory of all joints leads from the stowed posture to the goal, past obstacles, floor
     and hull, for the place where pre-flight expects the vehicle to land. In D the tool follows its
@@ -69,7 +69,7 @@ def case2(
 
 
 def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.CollisionPlan:
-    """Trajectory of all joints from the start to the tool goal, for the vehicle where it is
+    """Plan a trajectory of all joints from the start to the tool goal, for the vehicle where it is
     expected to land.
 
     clearance [m]: wanted from obstacles, floor and hull. Raises `InvalidInput` where no free
@@ -113,7 +113,9 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.Coll
 
 
 def landed_configuration(scenario: Scenario) -> np.ndarray:
-    """Q (n_q,) where the vehicle is expected to land, with the joints as at the start."""
+    """Return q (n_q,) [m, rad] where the vehicle is expected to land, with the joints as at the
+    start.
+    """
     setup = scenario.setup()
     visit = next(visit for visit in forecast(setup) if visit.active(NullVelocity) is not None)
     return visit.stances[0].configuration(setup)
@@ -133,11 +135,11 @@ class ToolPath:
 
     @property
     def end(self) -> float:
-        """[s]"""
+        """Time [s] at which the joints are at rest again."""
         return self.joints.end
 
     def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:
-        """X_WT and its rate (6,) in W, linear rows first, at time t [s]."""
+        """Return X_WT and its rate (6,) in W, linear rows first, at time t [s]."""
         value, rate = self.joints(t)
         q = self.base.copy()
         lower = self.robot.limits.position_lower
@@ -152,7 +154,7 @@ class ToolPath:
 def _following(
     scenario: Scenario, phase: Phase, joints: PiecewisePolynomial, with_mp: bool
 ) -> Phase:
-    """Phase D with the planned goals; other phases as they are."""
+    """Return phase D with the planned goals; other phases as they are."""
     if phase.name != "D":
         return phase
     tasks = scenario.mission.hierarchy.tasks

@@ -35,7 +35,7 @@ from uvms_ocp.types import Positive, Range
 _ABOVE_FLOOR = 0.8
 
 Length = Annotated[float, Range(0.0, 2000.0)]
-"""[m] Of a transit: its floor is drawn whole."""
+"""Length [m] of a transit, whose floor is drawn whole."""
 
 _SELF = 0.03  # [m] between links, some of which are stowed 0.05 m apart
 FIELD = (
@@ -43,7 +43,7 @@ FIELD = (
     obstacle("pillar", coal.Capsule(0.25, 3.0), (5.5, -0.7, -37.5)),
     obstacle("wreck", coal.Box(0.8, 0.8, 0.8), (8.0, 0.9, -37.2)),
 )
-"""None of them straight ahead, all of them in the way of the hull."""
+"""Obstacles that are not straight ahead, but in the way of the hull."""
 
 
 @checked

@@ -26,7 +26,7 @@ ECHO = "echo"
 
 
 def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """Findings on the start, and on phases in which the minimum altitude is on."""
+    """Check heights of the start, and of phases in which the minimum altitude is on."""
     if not setup.robot.n_vehicle:
         return
     yield from _start(setup, visits[0])
@@ -43,8 +43,8 @@ def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
 
 
 def check_echo(setup: Setup) -> Iterator[Finding]:
-    """Findings on phases that go by an altitude which no echo tells: without an altimeter, or at
-    the start.
+    """Find phases that go by an altitude which no echo tells: without an altimeter, or at the
+    start.
     """
     tasks = {task.name for task in setup.mission.hierarchy.tasks if task.needs_altimeter}
     blind = setup.altimeter_frame is None or setup.sensors.altimeter_range is None
@@ -96,9 +96,7 @@ def _silent_start(setup: Setup, phase: str, names: str) -> Iterator[Finding]:
 
 
 def check_goals(setup: Setup) -> Iterator[Finding]:
-    """Findings on goals of vehicle or tool that lie below the floor, one for each phase and
-    task.
-    """
+    """Find goals of vehicle or tool that lie below the floor, one for each phase and task."""
     for index, phase in enumerate(setup.mission.phases):
         for task in setup.mission.tasks_of(index):
             if isinstance(task, (PoseTask, ToolPosition)) and task.name in phase.on:
@@ -178,7 +176,7 @@ def _way_point(
 
 
 def _altitude(setup: Setup, X_WB: pin.SE3) -> float:
-    """Altitude [m] of the altimeter above the floor below it, for the vehicle at X_WB."""
+    """Return the altitude [m] of the altimeter above the floor below it, for the vehicle at X_WB."""
     q = setup.start.copy()
     q[:7] = pin.SE3ToXYZQUAT(X_WB)
     p = setup.altimeter_pose(q).translation

@@ -53,11 +53,11 @@ _ASSUMPTIONS = {
         " cannot be exported"
     ),
 }
-"""Checks that a user's own part is left out of, by the kind of part."""
+"""Assumptions about a user's own part in place of checks, by the kind of part."""
 
 
 def check_structure(mission: Mission) -> Iterator[Finding]:
-    """Findings on phases that nothing leads to, that nothing ends, or in which nothing acts."""
+    """Find phases that nothing leads to, that nothing ends, or in which nothing acts."""
     for name in mission.unreachable_phases():
         yield Severity.WARNING.finding(
             "phases", f"no transition leads to phase {name!r}; add one or drop the phase", name
@@ -103,8 +103,8 @@ def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) ->
     [m, rad].
 
     Of the distances and angles of frames from their goals, the root of the sum of the variances of
-    their axes, from `std` (n_v,) [m, rad], that of the configuration as in `StateEstimate.std`, or
-    from `std_at_rest`. Empty with ideal sensors, which allow everything. Joints may be beyond their
+    their axes, from `std` (n_v,) [m, rad], the standard deviations of the configuration, or from
+    `std_at_rest`. Empty with ideal sensors, which allow everything. Joints may be beyond their
     limits, where a fault has pushed them.
     """
     tasks = [
@@ -197,7 +197,7 @@ def check_mission(setup: Setup) -> PreflightReport:
 
 
 def _check_wherever(setup: Setup) -> Iterator[Finding]:
-    """Findings that hold wherever the mission leads."""
+    """Yield findings that hold wherever the mission leads."""
     for check in (
         check_unspecified,
         check_inertia,
@@ -265,7 +265,7 @@ def check_time(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
 
 
 def _shortest_stay(phase: Phase) -> float:
-    """[s] that a phase lasts at least: what its transitions hold or wait for."""
+    """Return the shortest time [s] that a phase lasts: what its transitions hold or wait for."""
     stays = []
     for transition in phase.transitions:
         waits = [
@@ -279,7 +279,7 @@ def _shortest_stay(phase: Phase) -> float:
 
 def check_inertia(setup: Setup) -> Iterator[Finding]:
     """Find inertias of no body, and joints that have nothing to move: their acceleration under a
-    force is not defined. As `check_robot` does.
+    force is not defined.
     """
     if setup.with_forces and "plant" not in setup.own_parts:
         for finding in robot_check.body_errors(setup.robot):
@@ -295,7 +295,7 @@ def check_own_parts(setup: Setup) -> Iterator[Finding]:
 def check_freedom(
     setup: Setup, visits: Sequence[Visit], problem: levels.LevelsProblem
 ) -> Iterator[Finding]:
-    """Equality tasks of one phase must leave each other room: one that has no freedom left acts in
+    """Find equality tasks to which those above leave no freedom in a phase, so that they act in
     name only.
     """
     for visit in visits:
@@ -329,7 +329,7 @@ def _rank(rows: np.ndarray) -> int:
 
 
 def _jacobians(setup: Setup, problem: levels.LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:
-    """Jacobian of each level at q."""
+    """Return the Jacobian of each level at q (n_q,) [m, rad]."""
     n_v = setup.robot.n_v
     n_tasks = len(setup.mission.hierarchy.tasks)
     parameters = np.concatenate(

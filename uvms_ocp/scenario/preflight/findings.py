@@ -13,7 +13,7 @@ from uvms_ocp.record.display import WIDTH, SmallTable, TableDisplay
 
 
 class Severity(enum.Enum):
-    """How bad a finding is."""
+    """Severity of a finding."""
 
     ERROR = "error"
     """The mission cannot be completed as it is."""

@@ -190,8 +190,8 @@ def _load(
 
 
 def _missing_wrench(robot: Robot, result: AllocationResult) -> np.ndarray:
-    """Wrench (6,) [N, N m] that thrusters at their limits do not give along the axes that they
-    drive.
+    """Return the wrench (6,) [N, N m] that thrusters at their limits do not give along the axes
+    that they drive.
     """
     lack = np.zeros(6)
     if result.saturated:
@@ -201,7 +201,7 @@ def _missing_wrench(robot: Robot, result: AllocationResult) -> np.ndarray:
 
 
 def _short_axes(robot: Robot, lack: np.ndarray) -> list[int]:
-    """Axes along which what is missing, lack (6,) [N, N m], is more than negligible."""
+    """Return the axes along which what is missing, lack (6,) [N, N m], is more than negligible."""
     negligible = _NEGLIGIBLE_SHARE * largest_force(robot)[:6]
     return np.flatnonzero(np.abs(lack) > negligible).tolist()
 

@@ -1,5 +1,5 @@
-"""Doubts about meshes: sizes and axes, by the inertia of their body and by one another, and holes. A
-mesh in another unit, with another axis up, or open, loads without a word.
+"""Check meshes for their size and axes, by the inertia of their body and by one another, and for
+holes. A mesh in another unit, with another axis up, or open, loads without a word.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from uvms_ocp.robot.urdf_meshes import collada_asset
 
 _MAX_RATIO = 8.0  # of lengths, above which no coarse inertia or simple shape explains it
 _CLEAR_MISFIT = np.log(1.6)
-"""Of proportions: below it a body fits its inertia either way."""
+"""Difference of proportions below which a body fits its inertia either way."""
 _SIDES_TURNED = {"Y_UP": [0, 2, 1], "X_UP": [1, 0, 2]}
 """Order of the sides of a mesh once the axis that it states is up."""
 _BOX = np.sqrt(12.0)  # diagonal of a uniform box over its radius of gyration

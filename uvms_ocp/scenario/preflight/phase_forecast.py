@@ -54,7 +54,7 @@ class Visit:
     index: int
     phase: Phase
     tasks: tuple[Task, ...]
-    """Switched on, with the goals of this phase."""
+    """Tasks that are on, with the goals of this phase."""
     stances: tuple[Stance, ...]
 
     def active(self, kind: type[AnyTask]) -> AnyTask | None:

@@ -48,11 +48,11 @@ class ReachResult:
     """The nearest that the tool comes to its goal."""
 
     joints: np.ndarray
-    """(n_joints,) [rad or m]"""
+    """(n_joints,) [rad or m] posture."""
     position: float
-    """[m] distance missing."""
+    """[m] distance of the frame from the goal."""
     orientation: float
-    """[rad] angle missing; 0 where it is free."""
+    """[rad] angle of the frame from the goal; 0 where the orientation is free."""
 
     @property
     def reached(self) -> bool:
@@ -64,8 +64,7 @@ class ReachResult:
 
 
 class ArmReach:
-    """Searches postures within the joint limits for a frame to meet a pose, from many starts
-    (Levenberg-Marquardt).
+    """Inverse kinematics of an arm: Levenberg-Marquardt within the joint limits, from many starts.
 
     The error is that of a tool task: metres and radians count the same. rotation_weight: 0 leaves
     orientation free. leans: the vehicle comes to rest in the roll and pitch that no thruster
@@ -153,8 +152,8 @@ class ArmReach:
     def _minimise(
         self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray, weight: float
     ) -> np.ndarray:
-        """Levenberg-Marquardt; joints at a limit that a step would push beyond it stand still,
-        others stop there.
+        """Minimise the error by Levenberg-Marquardt; joints at a limit that a step would push
+        beyond it stand still, others stop there.
         """
         weights = np.repeat([1.0, weight], 3)
         damping = _DAMPING
@@ -192,7 +191,7 @@ class ArmReach:
     def _error(
         self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Error (6,) of the frame, frame minus goal, and its derivative (6, n_joints)."""
+        """Compute the error (6,) of the frame, frame minus goal, and its derivative (6, n_joints)."""
         model = self._robot.model
         data = self._data
         R_WB = X_WB.rotation
@@ -345,8 +344,8 @@ def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
 def _suggestion(
     setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]
 ) -> np.ndarray | None:
-    """Position (3,) of the nearest way point on the line to the goal from which everything is
-    reached.
+    """Return the position (3,) [m] of the nearest way point on the line to the goal from which
+    everything is reached.
     """
     source = _last_way_point(setup, visit)
     if source is None:
@@ -367,7 +366,7 @@ def _suggestion(
 
 
 def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | None:
-    """Index of the last phase before `visit` with a way point, and its task."""
+    """Return the index of the last phase before `visit` with a way point, and its task."""
     latest = None
     for earlier in forecast(setup):
         if earlier.index == visit.index:

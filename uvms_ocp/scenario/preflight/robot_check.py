@@ -36,7 +36,7 @@ from uvms_ocp.scenario.preflight.mesh_sizes import mesh_axis_doubts, mesh_size_d
 _TRIM_FORCE = 3e-3  # share of the weight that is left of a trimmed robot with its arm stowed
 _TRIM_MOMENT = 0.01  # the same of the moment, with the robot's size as the lever
 LARGEST_TILT = np.deg2rad(15.0)
-"""[rad] beyond which a vehicle is no longer called level."""
+"""Tilt [rad] beyond which a vehicle is no longer called level."""
 _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 _HULL_SHARE = 0.9  # of the hull, within which floats and ballast for trim are placed
 _SMALLEST_REACH = 0.4  # sizes of the robot from the origin to a border of the hull
@@ -68,7 +68,7 @@ class RobotFinding:
     """One thing that was checked."""
 
     subject: str
-    """What was checked, such as ``trim``."""
+    """Subject of the check, such as ``trim``."""
     verdict: RobotVerdict
     """Weight of the finding."""
     text: str
