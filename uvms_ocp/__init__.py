@@ -4,9 +4,9 @@ Public names and subpackages, each loaded when it is first asked for (``__init__
 notation and frames: `uvms_ocp.robot.spatial`.
 """
 
-import lazy_loader
+from uvms_ocp.lazy_names import attach_stub
 
-_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_load, __dir__, __all__ = attach_stub(__name__, __file__)
 _RENAMED = {
     "scenarios": "scenario"
 }  # campaigns keep the missions that they were begun with, and run them again

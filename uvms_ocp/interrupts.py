@@ -77,6 +77,37 @@ class _Handler:
 
 
 @contextmanager
+def held_back() -> Iterator[None]:
+    """Hold Ctrl-C back until the block ends, where it is answered as it would have been before.
+
+    Nothing changes in other threads, and within another such block.
+    """
+    handler_before = signal.getsignal(signal.SIGINT)
+    is_main_thread = threading.current_thread() is threading.main_thread()
+    if not (is_main_thread and callable(handler_before)) or isinstance(handler_before, _Hold):
+        yield
+        return
+    hold = _Hold()
+    signal.signal(signal.SIGINT, hold)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler_before)
+        if hold.was_pressed:
+            signal.raise_signal(signal.SIGINT)
+
+
+class _Hold:
+    """A handler of SIGINT that notes that it was called."""
+
+    def __init__(self) -> None:
+        self.was_pressed = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self.was_pressed = True
+
+
+@contextmanager
 def raised_outside_casadi() -> Iterator[None]:
     """Raise `Stopped` for Ctrl-C once CasADi has returned: what is raised within it is lost, as in
     callbacks of weak references, for which it is raised at the end of the block.

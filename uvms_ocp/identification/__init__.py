@@ -6,6 +6,6 @@ fit) -> `uncertainty`, `validation` -> `results`. `experiment_design` goes the o
 numbers to be identified to commands that excite them.
 """
 
-import lazy_loader
+from uvms_ocp.lazy_names import attach_stub
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -2,8 +2,7 @@
 verdict.
 """
 
-import lazy_loader
-
+from uvms_ocp.lazy_names import attach_stub
 from uvms_ocp.ocp.planner import plan as plan
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,7 +1,6 @@
 """Paths around obstacles: scenes, distances, proof between samples, and curves that bend."""
 
-import lazy_loader
-
+from uvms_ocp.lazy_names import attach_stub
 from uvms_ocp.robot.shapes.obstacles import (
     Obstacle as Obstacle,
     build_obstacle as build_obstacle,
@@ -12,7 +11,7 @@ from uvms_ocp.robot.shapes.obstacles import (
     read_obstacles as read_obstacles,
 )
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
 __all__ += [
     "Obstacle",
     "build_obstacle",

@@ -2,6 +2,6 @@
 plans carried out on a plant.
 """
 
-import lazy_loader
+from uvms_ocp.lazy_names import attach_stub
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

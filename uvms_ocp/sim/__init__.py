@@ -6,6 +6,6 @@
 What makes such parts: `uvms_ocp.sim.own_parts`.
 """
 
-import lazy_loader
+from uvms_ocp.lazy_names import attach_stub
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
