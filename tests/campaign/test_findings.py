@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.campaign.paired_comparison import _pairs
 from uvms_ocp.campaign.report import cause_table, outcome_table
 from uvms_ocp.campaign.run_metrics import (
@@ -18,6 +17,7 @@ from uvms_ocp.campaign.run_metrics import (
     metrics_among,
     tool_metrics,
 )
+from uvms_ocp.campaign.sampling_design import Design
 from uvms_ocp.campaign.sensitivity import sensitivity_table
 from uvms_ocp.campaign.success_criteria import judged, parse_bounds
 from uvms_ocp.campaign.success_rate import Rate

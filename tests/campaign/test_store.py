@@ -11,9 +11,9 @@ import pytest
 from trivial_runs import TrivialRuns, identity_of
 
 from uvms_ocp.campaign import store as parts_module
-from uvms_ocp.campaign.distributions import GROWING, Design
 from uvms_ocp.campaign.jobs import attempt_job
 from uvms_ocp.campaign.manifest import read_manifest
+from uvms_ocp.campaign.sampling_design import GROWING, Design
 from uvms_ocp.campaign.store import opened, read_table
 from uvms_ocp.errors import InvalidInput, OutputError
 

@@ -12,15 +12,14 @@ from compiler import long_without_compiler
 from scipy import stats
 
 from uvms_ocp.campaign.distributions import (
-    SAMPLERS,
     Choice,
-    Design,
     LogNormal,
     Normal,
     OfScipy,
     Triangular,
     Uniform,
 )
+from uvms_ocp.campaign.sampling_design import SAMPLERS, Design
 from uvms_ocp.campaign.variations import (
     Variation,
     available_parameters,

@@ -15,8 +15,8 @@ from rich.console import Console
 from tiny_robots import TINY, robot_of, scenario_of
 from typer.testing import CliRunner
 
-from uvms_ocp.campaign.campaign import MissionJob
-from uvms_ocp.campaign.distributions import Design
+from uvms_ocp.campaign.mission_job import MissionJob
+from uvms_ocp.campaign.sampling_design import Design
 from uvms_ocp.cli import NOT_COMPLETED, drawing, plan, plan_output, run
 from uvms_ocp.cli.commands import app
 from uvms_ocp.cli.drawing import Job

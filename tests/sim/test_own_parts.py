@@ -26,8 +26,9 @@ from own_examples import (
     Pid,
 )
 
-from uvms_ocp.campaign.campaign import MissionJob
-from uvms_ocp.campaign.distributions import Design, Uniform
+from uvms_ocp.campaign.distributions import Uniform
+from uvms_ocp.campaign.mission_job import MissionJob
+from uvms_ocp.campaign.sampling_design import Design
 from uvms_ocp.campaign.variations import Variation, available_parameters
 from uvms_ocp.record.record import Record
 from uvms_ocp.report import summarize

@@ -4,135 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.campaign import cluster, distributions, jobs, run_metrics
+from uvms_ocp.campaign import cluster
 from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.campaign.manifest import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, types_of
+from uvms_ocp.campaign.mission_job import MissionJob, built
+from uvms_ocp.campaign.sampling_design import Design
 from uvms_ocp.campaign.store import read_table
-from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
+from uvms_ocp.campaign.variations import Variation, require_available
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.record.record import Record
-from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Period
 from uvms_ocp.version import __version__
 
-# The runs of one scenario with everything varied that is to be.
-
-KEPT = ("none", "failures", "all")
-"""Choices of runs that keep their whole record."""
-
-_NUMBERS = (
-    "runs",
-    "seed",
-    "sampler",
-    "records",
-)  # fields of a campaign that its folder keeps as they are
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class MissionJob(jobs.CampaignJob):
-    """Goes to workers. Raises `NameNotFound` for unknown `records`."""
-
-    scenario: CodeSource | Callable[[], Scenario]
-    """Code of the scenario, or a function that makes it."""
-    variations: CodeSource | Sequence[Variation]
-    """Code of the variations, or the values themselves."""
-    names: tuple[str, ...]
-    """Names of the parameters, in their order."""
-    design: distributions.Design
-    records: str = "none"
-    """Runs that keep their whole record: one of `KEPT`."""
-
-    def __post_init__(self) -> None:
-        require_known("choice of records", self.records, KEPT)
-
-    @property
-    def columns(self) -> Mapping[str, type]:
-        numbers = (*self.names, *run_metrics.METRICS, *run_metrics.tool_metrics(self.base().robot))
-        return {"seed": int, **dict.fromkeys(numbers, float), "finished": bool}
-
-    def head(self, run: int) -> jobs.Row:
-        """Seed and values of the parameters of a run."""
-        return {"seed": self.design.seed_of(run), **self.values(run)}
-
-    def values(self, run: int) -> dict[str, float]:
-        """Return values [unit of each] of the parameters of a run, by name."""
-        return quantiles(built(self.variations), self.design.row(run).tolist())
-
-    def scenario_of(self, run: int) -> Scenario:
-        """Build the scenario of a run."""
-        return vary(
-            self.base(),
-            self.values(run),
-            variations=built(self.variations),
-            seed=self.design.seed_of(run),
-        )
-
-    def base(self) -> Scenario:
-        """Return the scenario that is varied."""
-        return _made(self.scenario)
-
-    def make(self, run: int) -> jobs.RunResult:
-        """Make the row of a run, and its record where that is to be kept."""
-        scenario = self.scenario_of(run)
-        record = scenario.run()
-        try:
-            return self._result(run, scenario, record)
-        except Exception as error:  # what was simulated is not lost by what is made of it
-            row = jobs.failed_row(self, run, jobs.ERROR, jobs.describe(error))
-            attachment = b""
-            if self.records != "none":
-                attachment = _packed(record)
-            return jobs.RunResult(row=row, attachment=attachment)
-
-    def _result(self, run: int, scenario: Scenario, record: Record) -> jobs.RunResult:
-        cause = cause_of_end(record)
-        success = cause["kind"] == jobs.COMPLETED
-        ending = {
-            "outcome": cause["kind"],
-            "success": success,
-            "cause": cause["text"],
-            "finished": record.run_meta.completed,
-        }
-        attachment = b""
-        if self.records == "all" or (self.records == "failures" and not success):
-            attachment = _packed(record)
-        row = {**self.head(run), **run_metrics.run_metrics(scenario, record), **ending}
-        return jobs.RunResult(row=row, attachment=attachment)
-
-
-def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:
-    """Return the variations; those of a file are loaded once in a process."""
-    if isinstance(variations, CodeSource):
-        return _made(variations)
-    return variations
-
-
-@lru_cache(maxsize=4)
-def _made(source: CodeSource | Callable[[], Any]) -> Any:
-    """Make it once in a process: what runs share, such as the robot, is then known to be the same."""
-    if isinstance(source, CodeSource):
-        return source.build()
-    return source()
-
-
-def _packed(record: Record) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "record.npz")
-        record.save(path)
-        return path.read_bytes()
-
-
-# A campaign as a value: a mission, what is uncertain about it, and how many runs of it.
+_PLAIN_FIELDS = ("runs", "seed", "sampler", "records")
+"""Fields of a campaign that its folder keeps as they are."""
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -148,6 +40,7 @@ class Campaign(FieldTable):
     variations: str | CodeSource | Sequence[Variation] = ()
     """Uncertain values, or a file that defines `variations`."""
     runs: AtLeastOne = 100
+    """Number of runs."""
     seed: Count = 0
     """Seed of everything drawn."""
     sampler: str = "sobol"
@@ -169,7 +62,7 @@ class Campaign(FieldTable):
             isinstance(value, Variation) for value in values
         ):
             raise InvalidInput(f"variations = {str(values)[:80]}; give a list of Variation values")
-        design = distributions.Design(
+        design = Design(
             sampler=self.sampler, runs=self.runs, parameters=len(values), seed=self.seed
         )
         names = tuple(variation.name for variation in values)
@@ -244,7 +137,7 @@ class Campaign(FieldTable):
             columns=types_of(self.work),
             scenario=_identity(self.work.scenario),
             variations=_identity(self.work.variations),
-            **{name: getattr(self, name) for name in _NUMBERS},
+            **{name: getattr(self, name) for name in _PLAIN_FIELDS},
         )
 
     def sources(self) -> dict[str, bytes]:
@@ -280,7 +173,7 @@ def kept_campaign(folder: Path) -> Campaign:
     campaign = Campaign(
         scenario=CodeSource.restored(manifest.scenario, folder / SOURCES / "scenario"),
         variations=restored_variations,
-        **{name: getattr(manifest, name) for name in _NUMBERS},
+        **{name: getattr(manifest, name) for name in _PLAIN_FIELDS},
     )
     if campaign.identity().parameters != manifest.parameters:
         raise InvalidInput(

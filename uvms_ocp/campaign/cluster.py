@@ -46,25 +46,18 @@ _SETTINGS = {
 _PATIENCE = 30.0  # [s] for a scheduler to answer
 
 Progress = Callable[[int, int, int], None]
-"""Told how many runs are done, how many of them failed, and of how many."""
+"""Function that gets the numbers of finished, of failed and of all runs."""
 Workers = Annotated[int, Range(1, 4096)]
-"""Processes of this machine."""
-
-
-# Loaded by workers of this machine as they start: Ctrl-C is for the command, which then ends them
-# itself.
+"""Number of processes of this machine."""
 
 
 def dask_setup(worker: Any) -> None:
-    """Set a worker up, called by Dask: interrupts go past this process, and its runs show no
-    bars.
+    """Set a worker of this machine up, called by Dask as it starts: its runs show no bars, and it ignores
+    Ctrl-C, which is for the command that then ends its workers.
     """
     show_progress(False)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-# A Dask cluster: processes of this machine, or the one at an address.
 
 
 def dask() -> Any:
@@ -129,9 +122,6 @@ def _client(address: str) -> Any:
         raise OutputError(
             f"no Dask scheduler answers at {address} ({reason}); give one such as tcp://host:8786"
         ) from None
-
-
-# Execute a campaign: from its folder to its cluster and back.
 
 
 def run_jobs(

@@ -34,20 +34,18 @@ from uvms_ocp.campaign.jobs import (
 from uvms_ocp.campaign.store import CampaignFolder
 from uvms_ocp.errors import OutputError
 
-# What runs on a worker: some runs one after the other, of the work that was sent to it once.
-
-_LOG_DELAY = 1.0  # [s] in which word of it arrives
-
-_log = logging.getLogger(__name__)
-_AHEAD = 3  # tasks for every thread of the cluster
+_LOG_DELAY = 1.0  # [s] in which an event of a worker arrives before its process ends
+_AHEAD = 3  # tasks that are sent for every thread of the cluster
 _TASK = 0.3  # [s] that a task of several short runs takes
 _MOST = 50  # runs of a task
 _LOOK = 0.5  # [s] between two looks at the clock
-_ALONE = 60.0  # [s] without any worker, after which it is said
+_ALONE = 60.0  # [s] without any worker, after which it is logged
+
+_log = logging.getLogger(__name__)
 
 
 class JobPlugin(WorkerPlugin):
-    """Every worker gets it as it joins, one that replaces another too."""
+    """Plugin that carries the work of a campaign to every worker as it joins."""
 
     def __init__(self, name: str, work: CampaignJob) -> None:
         """name: of the campaign, by which its runs find it."""
@@ -60,7 +58,7 @@ class JobPlugin(WorkerPlugin):
 
 
 def make_runs(name: str, runs: Sequence[int], limit: float) -> list[RunResult]:
-    """Return the rows of these runs of the campaign of that name; limit [s] of each."""
+    """Make runs on a worker, one after the other, of the campaign of a name; limit: [s] of each run."""
     worker = get_worker()
     work: CampaignJob = worker.plugins[name].work
     place = f"{worker.address} {os.getpid()}"
@@ -72,9 +70,6 @@ def _end(worker: Any, name: str, run: int) -> None:
     worker.log_event(name, {"run": run})
     time.sleep(_LOG_DELAY)
     os._exit(1)
-
-
-# Runs go out, rows come in: a bounded number at a time, whatever becomes of the workers.
 
 
 class Dispatch:

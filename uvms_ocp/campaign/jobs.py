@@ -15,10 +15,8 @@ from uvms_ocp.campaign.time_limit import OverTime, time_limit
 from uvms_ocp.errors import plain_line
 from uvms_ocp.version import __version__
 
-# What a campaign runs: something that makes a row of a number, on any machine, and a row of
-# whatever goes wrong.
-
 Row = Mapping[str, Any]
+"""Row of a campaign's table, by the names of its columns."""
 COMPLETED = "completed"
 ERROR = "error"
 KILLED = "killed"
@@ -27,6 +25,7 @@ TIME_LIMIT = "time limit"
 outcomes are those of missions.
 """
 FIRST: Mapping[str, type] = {"run": int}
+"""Columns of every campaign before those of its job."""
 LAST: Mapping[str, type] = {
     "outcome": str,
     "success": bool,
@@ -35,7 +34,7 @@ LAST: Mapping[str, type] = {
     "worker": str,
     "version": str,
 }
-"""Columns of every campaign, before and after its own."""
+"""Columns of every campaign after those of its job."""
 VARYING = ("wall_s", "worker")
 """Columns that differ when a run is repeated."""
 _LONGEST = 2000  # characters of a cause
@@ -48,11 +47,11 @@ class RunResult:
     row: Row
     """Row with the job's own columns, outcome and cause."""
     attachment: bytes = b""
-    """A file to keep, such as the record."""
+    """File to keep as bytes, such as the record; empty for none."""
 
 
 class CampaignJob(Protocol):
-    """Goes to other processes as it is, by cloudpickle."""
+    """Work of which a campaign makes runs by their numbers; it is sent to other processes by cloudpickle."""
 
     @property
     def columns(self) -> Mapping[str, type]:

@@ -11,8 +11,8 @@ from typing import Any, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
-from uvms_ocp.campaign.distributions import GROWING, Design
 from uvms_ocp.campaign.jobs import FIRST, LAST, CampaignJob, columns_of
+from uvms_ocp.campaign.sampling_design import GROWING, Design
 from uvms_ocp.errors import InvalidInput, UvmsError, plain_line
 from uvms_ocp.model_errors import FileModel
 from uvms_ocp.record import durable_files
@@ -39,7 +39,7 @@ class CampaignManifest(FileModel, strict=True):
     runs: int = Field(ge=1, le=MOST_RUNS)
     seed: int = Field(ge=0)
     sampler: str
-    """One of `uvms_ocp.campaign.distributions.SAMPLERS`."""
+    """One of `uvms_ocp.campaign.sampling_design.SAMPLERS`."""
     parameters: dict[str, str]
     """Distributions of the parameters, by name, in words."""
     columns: dict[str, Kind]

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.campaign import distributions, run_metrics
+from uvms_ocp.campaign import run_metrics
+from uvms_ocp.campaign.sampling_design import problem_of
 from uvms_ocp.errors import optional_module
 from uvms_ocp.record.table_files import CAMPAIGN_EXTRA
 
@@ -93,7 +94,7 @@ def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
     """PAWN sensitivity index of every column, and of one more that has no effect."""
     pawn = optional_module("SALib.analyze.pawn", "sensitivities", CAMPAIGN_EXTRA)
     dummy = np.random.default_rng(0).permutation(len(y))[:, None] / len(y)
-    problem = distributions.problem_of([*(f"x{k}" for k in range(X.shape[1])), _DUMMY])
+    problem = problem_of([*(f"x{k}" for k in range(X.shape[1])), _DUMMY])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # slices of a parameter with few values are empty
         result = pawn.analyze(problem, np.hstack([X, dummy]), y, S=_SLICES, seed=0)
@@ -107,7 +108,7 @@ def _sobol(y: np.ndarray, n: int) -> dict[str, np.ndarray]:
     complete_blocks = blocks[np.isfinite(blocks).all(axis=1)]
     if len(complete_blocks) < _FEWEST:
         return {}
-    problem = distributions.problem_of([f"x{k}" for k in range(n)])
+    problem = problem_of([f"x{k}" for k in range(n)])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         result = sobol.analyze(problem, complete_blocks.ravel(), calc_second_order=False, seed=0)

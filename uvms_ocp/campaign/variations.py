@@ -18,17 +18,18 @@ from uvms_ocp.campaign.sensor_parameters import sensor_parameters
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, require_known
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.sim import (
-    GustyCurrent,
-)
+from uvms_ocp.sim import GustyCurrent
 from uvms_ocp.types import Count
 
-# All parameters that a scenario has, by name, in the order in which they are applied.
-
 _FAMILIES = (
-    *(flow_parameters, machine_parameters, sensor_parameters),
-    *(place_parameters, objective_parameters, own_parameters),
+    flow_parameters,
+    machine_parameters,
+    sensor_parameters,
+    place_parameters,
+    objective_parameters,
+    own_parameters,
 )
+"""Functions that list the parameters of a scenario, in the order in which these are applied."""
 
 
 @checked
@@ -42,9 +43,6 @@ def available_parameters(scenario: Scenario) -> dict[str, Parameter]:
     """
     parameters = chain.from_iterable(family(scenario) for family in _FAMILIES)
     return {parameter.name: parameter for parameter in parameters}
-
-
-# A parameter and its distribution, and a scenario with the values that a run has drawn.
 
 
 @checked_dataclass(kw_only=False)

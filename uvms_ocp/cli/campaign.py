@@ -12,11 +12,11 @@ import typer
 from rich.console import Console
 
 from uvms_ocp.campaign.campaign import Campaign, kept_campaign
-from uvms_ocp.campaign.distributions import SAMPLERS
 from uvms_ocp.campaign.manifest import FILE
 from uvms_ocp.campaign.paired_comparison import compare_campaigns
 from uvms_ocp.campaign.report import report_of, table_with_success
 from uvms_ocp.campaign.run_metrics import metric_values, metrics_among
+from uvms_ocp.campaign.sampling_design import SAMPLERS
 from uvms_ocp.campaign.success_criteria import MetricBound, parse_bounds
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli import INTERRUPTED, options as opt, printing
