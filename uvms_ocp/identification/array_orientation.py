@@ -1,5 +1,5 @@
-"""Tell whether rows or columns of an array of two dimensions are samples, by times that rise along one
-of them; its shape alone says nothing.
+"""Decide whether rows or columns of an array of two dimensions are samples, by times that rise
+along one of them; its shape alone says nothing.
 """
 
 from __future__ import annotations

@@ -240,8 +240,8 @@ def _box_around(X: pin.SE3, box: Sequence[Sequence[float]]) -> np.ndarray:
 def _with_learnt(
     declaration: Declaration, settings: CalibrationSettings, *, has_shape: bool
 ) -> Declaration:
-    """Free what the settings want to learn; has_shape: True where coefficients are those of a shape,
-    which priors then stand for.
+    """Give the quantities that the settings want to learn their statuses; has_shape: True where
+    coefficients follow from a shape, for which free ones get priors.
     """
     statuses = {}
     for name, section in settings.learn.items():

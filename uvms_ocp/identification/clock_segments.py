@@ -1,5 +1,5 @@
-"""Times of a clock that begins anew in a file: a counter that wraps goes on where that is certain, and
-what was recorded after another boot comes after it, as a part of its own.
+"""Continue times of a clock that begins anew in a file: a counter that wraps goes on where that is
+certain, and what was recorded after another boot comes after it, as a part of its own.
 
 Late messages, which are older than those before them, are no boot: time jumps forward again by as
 much.
@@ -111,7 +111,7 @@ def _returns(t: np.ndarray, fall: float) -> bool:
 def _in_sequence(
     times: Mapping[str, np.ndarray], begins: Mapping[str, list[int]]
 ) -> dict[str, np.ndarray]:
-    """Shift what follows each boot to after what comes before it, in all channels alike."""
+    """Shift the times after each boot to after those before it, in all channels alike."""
     shifted = {name: t.copy() for name, t in times.items()}
     n_boots = len(next(iter(begins.values())))
     for k in range(n_boots):

@@ -1,5 +1,5 @@
-"""Guess what columns without names hold, by their values and by what some say of others: what rises
-throughout is time, what is as large as the rate of a pose is its velocity.
+"""Guess the contents of columns without names, by their values and by how they agree: a column that
+rises throughout is time, columns as large as the rate of a pose are its velocity.
 
 The guesses, in their order, stand in ``proposed_mapping.toml``.
 """

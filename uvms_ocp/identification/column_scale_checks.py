@@ -55,7 +55,9 @@ def of_columns(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def height_scale(recording: Recording) -> float | None:
-    """Return how much faster the height changes than the velocity says; `None` where nothing tells."""
+    """Return the factor by which the height changes faster than by the velocity; `None` where it is
+    not known.
+    """
     if not {"attitude", "position", "linear_velocity"} <= recording.channels.keys():
         return None
     ways = displacements(recording)

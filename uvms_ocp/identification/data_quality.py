@@ -24,7 +24,7 @@ _SAID_BETTER = (
     (": a pressure in", "read as m"),
     ("a depth of the other sign", "above a surface at 0: z down"),
 )
-"""Pairs of a part of a doubt, and a part of another doubt that says the same by more evidence."""
+"""Pairs of parts of doubts about the same error, of which the second has more evidence."""
 _MOTION_CHANNELS = {"position", "attitude", "linear_velocity", "angular_velocity", "specific_force"}
 """Channels whose doubts keep a mounting from being estimated."""
 
@@ -78,7 +78,9 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
 
 
 def _without_repetitions(issues: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str]]:
-    """Yield channels and texts, but not those that another text of the channel says better."""
+    """Yield channels and texts, without those of which another text of the channel has more
+    evidence.
+    """
     for name, text in issues:
         texts_of_channel = [candidate for channel, candidate in issues if channel == name]
         is_said_better = False

@@ -64,8 +64,7 @@ _AMPLITUDES = np.linspace(1.0, 0.05, 20)  # shares of the largest thrust, tried 
 def design_experiment(
     task: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None
 ) -> Excitation:
-    """Search for commands that determine what matters best:
-    `uvms_ocp.identification.experiment_design.Excitation`.
+    """Search for commands that determine the numbers that matter best.
 
     rollout: ``Rollout(stage_of(task.vehicle))``. Raises NameNotFound for a number that there is
     not.
@@ -195,7 +194,7 @@ class DesignSettings:
 
 
 def excitation_of(task: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
-    """Predict what commands, held for equal steps, would determine."""
+    """Predict the motion and the numbers that commands, held for equal steps, would determine."""
     step = float(commands.t[1] - commands.t[0])
     simulator = TrajectorySimulator(rollout, task.unknowns, step, task.still)
     held = ZeroOrderHold(commands)
@@ -287,8 +286,8 @@ def largest(task: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) ->
 
 
 def target_deviations(task: ExperimentTask, rollout: Rollout) -> np.ndarray:
-    """Compute the standard errors (m,) [units of numbers] that the numbers that matter are to have:
-    half of those by hand, and small enough to count.
+    """Compute target standard errors (m,) [units of numbers] of the numbers that matter: half of
+    those by hand, and small enough for a number to be determined.
 
     Recordings can only add to what is believed: it is their own information that is to be more.
     Where those by hand say less than that, belief is left to stand. Raises NameNotFound for a
@@ -314,8 +313,8 @@ def target_deviations(task: ExperimentTask, rollout: Rollout) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Objective:
-    """Objective of the design, a function of knots (n_knots, n_u) [N, N m]: what is left unknown, and
-    what it costs to leave the pool or to hurry thrusters.
+    """Objective of the design, a function of knots (n_knots, n_u) [N, N m]: the criterion of
+    information, and penalties for leaving the pool and for slew beyond its limit.
     """
 
     aim: InformationCriterion

@@ -30,7 +30,9 @@ _NO_REST = 1e-6  # share of a command's size below which drag and weight explain
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedMotion:
-    """Accelerations of a vehicle, less what drag, weight and the turning of its frame explain."""
+    """Accelerations of a vehicle, without the part that drag, weight and the turning of its frame
+    explain.
+    """
 
     t: np.ndarray
     """(m,) [s] uniform times."""

@@ -1,12 +1,12 @@
-"""Choose what a robot's file may say of what was learnt: what stays open is as it was declared, and
-all else is fitted anew about it.
+"""Choose the numbers that a robot's file may hold: open ones are as they were declared, and all
+others are fitted anew about them.
 
 An unknown that recordings do not determine ends anywhere, often at next to nothing, and a vehicle
-would fly with it. The others have taken its part where they were fitted with it: they are not
-kept as they were either. What is next to nothing because the recordings say so, as drag that
-another one takes the place of, stays so: as it was before it would contradict them. What no body in
-water has, and nothing determines, is never exported: where the recordings contradict the declared
-value too, there is no answer, as where nothing is determined at all.
+would fly with it. The others have taken its part where they were fitted with it: they are not kept
+as they were either. What is next to nothing because the recordings say so, as drag that another one
+takes the place of, stays so: as it was before it would contradict them. What no body in water has,
+and nothing determines, is never exported: where the recordings contradict the declared value too,
+there is no answer, as where nothing is determined at all.
 """
 
 from __future__ import annotations

@@ -89,9 +89,7 @@ class FitContext:
         return tuple(segments)
 
     def residuals(self) -> dict[str, Predicted]:
-        """Return measurements beside the simulation in the segments of each recording, by its
-        name.
-        """
+        """Return predicted and measured outputs in the segments of each recording, by its name."""
         predictions = defaultdict[str, list[Predicted]](list)
         shared = self.estimate.shared
         per_recording = self.estimate.per_recording

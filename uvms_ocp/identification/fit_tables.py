@@ -1,6 +1,4 @@
-"""Write tables of how well recordings are predicted: nothing is told without what predictors that
-know less make of it.
-"""
+"""Write tables of how well recordings are predicted, each beside predictors that know less."""
 
 from __future__ import annotations
 
@@ -133,7 +131,7 @@ def _by_recording(recordings: Sequence[HeldOutRecording]) -> Iterator[str]:
 
 
 def _warnings(recording: HeldOutRecording) -> Iterator[str]:
-    """Say of a recording what its prediction is not to be relied on for."""
+    """Yield warnings about the prediction of a recording: channels for which it is not reliable."""
     if not recording.horizons:
         yield (
             f"\n{recording.name}: the others determine too little to predict it (their search:"

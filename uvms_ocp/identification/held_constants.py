@@ -45,8 +45,8 @@ _SEEN = ("bias", "current")
 """Assumed constants that are no part of intervals: recordings show them where they are not 0."""
 _NEXT_TO_NOTHING = 1e-9  # [1 / unknowns^2] of information, so that no matrix is singular
 _NOISES = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
-"""Deviations of noise that weigh samples, and units: what they would change if they were twice as
-large.
+"""Standard deviations of noise that weigh samples, with their units; each is doubled to see its
+effect.
 """
 
 
@@ -189,7 +189,9 @@ class _Effects:
 def _noise_constants(
     fitted: FitContext, settings: CalibrationSettings, effects: _Effects
 ) -> Iterator[HeldConstant]:
-    """Yield deviations of noise, with what numbers would change if one were twice as large."""
+    """Yield standard deviations of noise, each with the number that changes most where it is
+    doubled.
+    """
     for name, unit in _NOISES.items():
         sigma = getattr(fitted.noise, name)
         noise = replace(fitted.noise, **{name: 2.0 * sigma})

@@ -23,8 +23,8 @@ _BETTER = 0.3  # by which that must fit better
 
 
 def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield channels and doubts about them: order, sign, units, clocks, and what is dead in one
-    alone.
+    """Yield doubts about positions and velocities of joints: their order, signs, units and clocks,
+    and joints that are dead in one of both.
     """
     if not {"joint_positions", "joint_velocities"} <= recording.channels.keys():
         return

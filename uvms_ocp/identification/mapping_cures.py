@@ -1,9 +1,9 @@
-"""Cure a proposed mapping: what a doubt about a first reading says is applied to the mapping, and
-judged by what is doubtful then, and by what speaks against it.
+"""Cure a proposed mapping: a cure of a doubt about a first reading is applied, and kept where fewer
+doubts are left and nothing speaks against it.
 
 The cures of each doubt stand in ``proposed_mapping.toml``. A time column has one unit, whichever
-channel shows it. A cure of the whole file that one channel alone would explain as well is said to be
-one of two.
+channel shows it. A cure of the whole file that one channel alone would explain as well is said to
+be one of two.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def apply_cures(
 
 
 def _cured_text(doubt: Doubt, chosen: _Candidate, rival: _Candidate | None) -> str:
-    """Say which doubt was cured, and what of one channel alone would cure it as well."""
+    """Write the doubt that was cured, and keys of one channel alone that would cure it as well."""
     if rival is None or not chosen.is_of_whole_file:
         return doubt.problem
     return (
@@ -158,8 +158,8 @@ def _reading_without_a_channel(path: Path, channels: MappedChannels, error: str)
 def _score(
     channels: MappedChannels, result: FirstReading, doubts_before: Sequence[Doubt]
 ) -> tuple[int, int, int, bool]:
-    """Count what a cure leaves: channels that cannot be read, doubts, doubts from before whose
-    channel no longer reads, and a vehicle out of the water.
+    """Score the channels after a cure, less is better: channels that cannot be read, doubts, former
+    doubts whose channel can no longer be read, and whether the vehicle is above the water.
     """
     n_unreadable = len(channels) - len(result.ranges)
     # A doubt about degrees hides others, that would follow from these values.
@@ -242,8 +242,8 @@ def _with_keys(
 
 
 def _composed_scale(old_keys: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Return offset and scale that do what those of a channel do, and then those of a cure; none
-    where only one of the two has any.
+    """Compose offset and scale of a channel with those of a cure; empty where only one of the two
+    has any.
     """
     if "scale" not in keys or not {"offset", "scale"} & old_keys.keys():
         return {}

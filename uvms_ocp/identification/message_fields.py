@@ -1,5 +1,5 @@
-"""Numbers in a message by paths of fields such as ``pose.pose.position.x``, whatever library has
-decoded it.
+"""Read numbers of a message by paths of fields such as ``pose.pose.position.x``, whatever library
+has decoded it.
 
 ``actuators[3]`` and ``position.2`` are elements; ``position[elbow]`` and
 ``transforms[base_link].translation.x`` are those of a name, which a ``name`` or ``child_frame_id``
@@ -36,8 +36,8 @@ def steps_of(path: str) -> tuple[str, ...]:
 
 
 def numbers_at(message: Any, steps: Sequence[str]) -> list[float]:
-    """Return the number there, or all of an array. Raises NameNotFound, and InvalidInput for what
-    is no number.
+    """Return the number at a path, or all numbers of an array. Raises NameNotFound, and
+    InvalidInput for a value that is no number.
     """
     value = value_at(message, steps)
     if _is_array(value):
@@ -62,7 +62,7 @@ def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
 
 
 def value_at(message: Any, steps: Sequence[str]) -> Any:
-    """Return what stands at a path of fields. Raises NameNotFound."""
+    """Return the value at a path of fields. Raises NameNotFound."""
     parent = None
     value = message
     for step in steps:

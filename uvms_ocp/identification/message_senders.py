@@ -37,10 +37,11 @@ class SenderCount:
         self._counts[(*identity.items(), *frames)] += 1
 
     def require_single(self, where: str, rows: Mapping[str, float | str]) -> None:
-        """Check that there is one sender; rows: what a mapping has picked by so far.
+        """Check that there is a single sender; rows: conditions by which a mapping picks messages
+        so far.
 
-        Raises InvalidInput with the senders that there are, and what to write for the one with most
-        messages.
+        Raises InvalidInput with the senders that there are, and the rows that pick the one with
+        most messages.
         """
         if len(self._counts) < 2:
             return

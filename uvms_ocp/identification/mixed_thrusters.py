@@ -80,7 +80,7 @@ def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray
 
 
 def _changes(names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Build matrices (n, n) that reverse or exchange thrusters, by a text that says how."""
+    """Build matrices (n, n) that reverse or exchange thrusters, by a description of the change."""
     n = len(names)
     changes = {"all reversed": -np.eye(n)}
     for k, name in enumerate(names):

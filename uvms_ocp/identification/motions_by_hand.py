@@ -1,4 +1,4 @@
-"""Motions as one would think of them, steps and chirps: what a design is compared with."""
+"""Draw motions as a person would choose them, steps and chirps, with which designs are compared."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def chirps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def both(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Draw steps of all axes at once, chirps beside them, (n, 6) [-] at t (n,) [s]."""
+    """Draw steps and chirps of all axes at once, (n, 6) [-] at t (n,) [s]."""
     shape = (int(t[-1] / 3) + 1, 6)
     sizes = rng.uniform(-1, 1, size=shape)
     is_pushed = rng.uniform(size=shape) < 0.5

@@ -1,8 +1,8 @@
-"""Fit vehicles that have seen what is predicted: they bound what a prediction can explain.
+"""Fit vehicles that have seen the predicted recordings: their fits bound those of predictions.
 
 One vehicle is identified on all recordings that are predicted together; what it misses of them no
-single vehicle of this model explains. Each recording also gets a separate vehicle, with what it
-has for itself (current, trim); by how much that explains more is what differs between recordings.
+single vehicle of this model explains. Each recording also gets a separate vehicle, with what it has
+for itself (current, trim); by how much that explains more is what differs between recordings.
 Searches begin where the vehicle was identified and have its noise, segments and priors.
 """
 

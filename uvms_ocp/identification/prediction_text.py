@@ -136,7 +136,7 @@ def _bound_lines(
     bounds: PredictionBounds,
     judgement: PredictionJudgement,
 ) -> Iterator[str]:
-    """Yield the table of fits beside those of the bounds, and where the rest is missed."""
+    """Yield the table of fits with those of the bounds, and the causes of what is missed."""
     yield report_prose.BOUNDS.format(seconds=bounds.seconds, nearly=NEARLY_ALL, different=DIFFERENT)
     yield f"\n| recording | {' | '.join(FITTED_CHANNELS)} | tilt [deg] |"
     yield "|---" + "|---:" * (len(FITTED_CHANNELS) + 1) + "|"

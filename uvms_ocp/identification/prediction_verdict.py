@@ -88,7 +88,9 @@ class MissCause(AdvisedStatus):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FitShares:
-    """Fit of one channel, beside the fits of vehicles that were identified on the predicted data."""
+    """Fit of one channel, with the fits of vehicles that were identified on the predicted
+    recordings.
+    """
 
     channel: str
     """Name of the channel, of `FITTED_CHANNELS`."""

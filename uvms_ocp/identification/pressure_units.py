@@ -47,7 +47,9 @@ class PressureReading:
 
 
 def read_in(unit: str, pressures: np.ndarray) -> PressureReading:
-    """Read pressures (n,) [unit] in a unit that is known: whether of a gauge, or with what air."""
+    """Read pressures (n,) [unit] in a known unit: of a gauge, or with the pressure of air that they
+    begin with.
+    """
     lowest = float(pressures.min()) * PRESSURE_UNITS[unit]  # [bar]
     if lowest < _THINNEST_AIR:
         return PressureReading(unit=unit, air=0.0, evidence="without air, as it is below it")
@@ -64,8 +66,8 @@ def read_in(unit: str, pressures: np.ndarray) -> PressureReading:
 
 
 def unit_by_size(pressures: np.ndarray) -> str:
-    """Return the unit in which pressures (n,) [any] begin as large as air at sea level, or thinner
-    air where one unit alone allows it; empty where nothing tells.
+    """Return the unit in which pressures (n,) [any] begin with the pressure of air at sea level, or
+    of thinner air where one unit alone allows it; empty where none does.
     """
     n_first = max(3, round(_AT_BEGIN * len(pressures)))
     first = float(np.median(pressures[:n_first]))

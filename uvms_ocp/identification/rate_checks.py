@@ -154,7 +154,7 @@ def _agreement(recording: Recording) -> _Agreement:
 
 
 def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
-    """Yield the channels that other channels tell something of, with what they tell."""
+    """Yield the channels that can be checked, with the references that follow from other channels."""
     channels = recording.channels
     attitude = channels.get("attitude")
     if attitude is None:

@@ -16,7 +16,7 @@ from uvms_ocp.identification.recording import Recording
 LONGEST_GAP = 2.0
 """[s] without a sample of any channel, from which on a recording is cut."""
 SHORTEST = 5.0
-"""[s] shortest part that is kept: less tells next to nothing."""
+"""[s] shortest part that is kept."""
 
 
 def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:

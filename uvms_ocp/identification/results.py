@@ -121,7 +121,9 @@ def _finite(value: float) -> float | None:
 
 
 def _number_table(calibration: Calibration) -> Iterator[str]:
-    """Tabulate the identified numbers, after what the search and the intervals rest on."""
+    """Tabulate the identified numbers, after the status of the search and the assumptions of
+    intervals.
+    """
     yield report_prose.NUMBERS.format(
         status=calibration.status,
         inflation=calibration.inflation,
@@ -213,7 +215,7 @@ def _open_directions(calibration: Calibration) -> Iterator[str]:
 
 
 def _held_table(calibration: Calibration) -> Iterator[str]:
-    """Tabulate the numbers that the fit took for known, and what each would change."""
+    """Tabulate the constants of the fit, and the effect that an error of each would have."""
     yield report_prose.HELD
     constants = {constant.quantity: constant for constant in calibration.constants}
     quantities = calibration.subject.vehicle.shared.declaration.quantities

@@ -71,8 +71,8 @@ class Rollout:
         return run.with_slopes(weights)
 
     def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
-        """Return a function n times after itself, m of these beside each other, on all processors;
-        or, with n = 0, only the latter.
+        """Return the map of a function over m arguments on all processors; with n, of the function
+        applied n times in sequence.
         """
         key = (name, n, m)
         if key not in self._many:

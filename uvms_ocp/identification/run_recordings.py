@@ -1,5 +1,5 @@
-"""Records of the toolkit's own runs as recordings: what the robot measured, what was asked of its
-thrusters, and the truth of what no sensor tells: torque as joints gave it, and the current.
+"""Turn records of runs into recordings: measurements of the robot, commands of its thrusters, and
+the truth of torque and current, which no sensor measures.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.nd
 
 
 def _measured(record: Record) -> Iterator[tuple[str, recordings.Channel]]:
-    """Yield what sensors read: an estimate between slow readings is late, and a fit would take that
-    for less added mass.
+    """Yield the readings of sensors: an estimate between slow readings is late, which a fit would
+    take for less added mass.
     """
     for name in _MEASURED:
         if name not in record.series:

@@ -16,8 +16,8 @@ WINDOW = 0.6
 DEAD = 1e-5
 """[unit of the channel] range within which a sensor that measures anything does not stay."""
 MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01, "specific_force": 0.5}
-"""[m/s, rad/s, m/s2] size from which on a channel says something of the motion; of an acceleration,
-what tilt makes of gravity.
+"""[m/s, rad/s, m/s2] standard deviation from which on a channel moves; of an acceleration, by
+gravity in a tilting frame.
 """
 EXPLAINED = 0.15
 """Share of the motion, by which other axes must explain more."""

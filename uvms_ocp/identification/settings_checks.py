@@ -1,5 +1,5 @@
-"""Check a recording against the settings of a calibration: for what a fit with these settings would take
-for something else.
+"""Check a recording against the settings of a calibration, with which a fit could mistake one
+effect for another.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Check for what stays as it is while the vehicle moves: a sensor that has stopped, and commands that
-were not recorded.
+"""Check for values that do not change while the vehicle moves: of a sensor that has stopped, or of
+commands that were not recorded.
 """
 
 from __future__ import annotations

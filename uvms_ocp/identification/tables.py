@@ -105,7 +105,8 @@ def read_columns(path: Path, columns: Sequence[str]) -> np.ndarray:
 
 
 def column_names(path: Path, text_format: TextFormat | None = None) -> tuple[str, ...]:
-    """Return the names of a table's columns; text_format: what is known of text, or of a workbook.
+    """Return the names of a table's columns; text_format: known parts of the layout of a text or a
+    workbook.
 
     Raises InvalidInput for what is no table, and NotInstalled.
     """
@@ -333,8 +334,8 @@ def _parquet(path: Path) -> Iterator[Any]:
 
 
 def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    """Write columns (n,) [as they are] by their names, NaN as an empty cell; the ending of the path
-    says what kind of table.
+    """Write columns (n,) [as they are] by their names, NaN as an empty cell, as the kind of table
+    that the ending of the path names.
 
     Raises NotInstalled where Parquet cannot be written.
     """
