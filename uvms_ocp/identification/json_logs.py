@@ -18,7 +18,10 @@ load_json = partial(json.loads, parse_int=float)
 def json_messages(
     path: Path, topics: Collection[str] | None, _: Path | None, remarks: list[str]
 ) -> Iterator[Message]:
-    """Yield the messages of some topics, or of all for None; a last line that breaks off is left out."""
+    """Yield the messages of some topics, or of all for None; a last line that breaks off is left out.
+
+    Raises InvalidInput for too many lines, and for a line that is no JSON.
+    """
     with path.open(encoding="utf-8-sig") as file:
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
             if number > MOST_ROWS or len(line) == LONGEST_LINE:

@@ -17,7 +17,7 @@ from uvms_ocp.record import mcap_messages
 def mcap_contents(
     path: Path, topics: Collection[str], definitions: Path | None, _: list[str]
 ) -> Iterator[Message]:
-    """Yield the messages of some topics."""
+    """Yield the messages of some topics. Raises InvalidInput for an unknown encoding."""
     decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
     channels_of_topic = defaultdict[str, list[int]](list)
     for schema, channel, message in mcap_messages.mcap_messages(path, topics):

@@ -50,7 +50,7 @@ def topics_of(path: Path) -> tuple[str, ...]:
 
 
 def message_files(path: Path) -> list[Path]:
-    """List the file itself, or those of a folder of ROS 2."""
+    """List the file itself, or those of a folder of ROS 2. Raises InvalidInput for a packed folder."""
     if not path.is_dir():
         return [path]
     with untrusted.as_input_errors(path / BAG_METADATA):

@@ -111,7 +111,9 @@ def _ros1(path: Path) -> Any:
 def sqlite_messages(
     path: Path, topics: Collection[str], definitions: Path | None, _: list[str]
 ) -> Iterator[Message]:
-    """Yield the messages of some topics of a bag of ROS 2 in SQLite."""
+    """Yield the messages of some topics of a bag of ROS 2 in SQLite. Raises InvalidInput for a damaged
+    one, and for messages without a definition.
+    """
     with _data_base(path) as base:
         texts = _definitions(base)
         topic_of = {}
@@ -134,7 +136,7 @@ def sqlite_messages(
 
 
 def sqlite_topics(path: Path) -> Collection[str]:
-    """Return the topics of a bag of ROS 2 in SQLite."""
+    """Return the topics of a bag of ROS 2 in SQLite. Raises InvalidInput for a damaged one."""
     _typesystem()
     with _data_base(path) as base:
         return {topic for (topic,) in base.execute("SELECT name FROM topics")}
