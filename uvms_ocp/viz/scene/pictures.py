@@ -111,7 +111,10 @@ class Camera:
 
 
 def write_picture(page: ScenePage, path: Path, *, t: float, camera: Camera) -> None:
-    """Write what the page shows at a time t [s] as PNG or JPEG, by the suffix of the path."""
+    """Write what the page shows at a time t [s] as PNG or JPEG, by the suffix of the path.
+
+    Raises `InvalidInput` without a browser, and for a view that the page does not have.
+    """
     image_format = "png" if path.suffix == ".png" else "jpeg"
 
     def draw() -> bytes:
@@ -126,7 +129,8 @@ def write_picture(page: ScenePage, path: Path, *, t: float, camera: Camera) -> N
 def write_film(page: ScenePage, path: Path, *, fps: float, camera: Camera) -> None:
     """Write the page's time line as a film in one of `FILM_FORMATS`, by the suffix of the path.
 
-    Raises `InvalidInput` for a page in which nothing moves.
+    Raises `InvalidInput` without browser or ffmpeg, and for a page in which nothing moves; `OutputError`
+    where the film cannot be written.
     """
     advice = missing_for_films()
     if advice:
