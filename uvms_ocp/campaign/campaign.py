@@ -11,13 +11,21 @@ from typing import Any
 
 from uvms_ocp.campaign import cluster
 from uvms_ocp.campaign.code_source import CodeSource
-from uvms_ocp.campaign.manifest import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, types_of
+from uvms_ocp.campaign.manifest import (
+    FILE,
+    MOST_RUNS,
+    SOURCES,
+    CampaignManifest,
+    read_manifest,
+    types_of,
+)
 from uvms_ocp.campaign.mission_job import MissionJob, built
 from uvms_ocp.campaign.sampling_design import Design
 from uvms_ocp.campaign.store import read_table
 from uvms_ocp.campaign.variations import Variation, require_available
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
+from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Period
@@ -102,21 +110,37 @@ class Campaign(FieldTable):
         address of a Dask cluster in their place. time_limit [s]: of a run, whose row says so where
         it takes longer. Killed at any moment and called again, it neither loses nor repeats a run
         whose row is on the disk. Raises `InvalidInput` where another campaign is in the folder,
-        `OutputError` where it cannot be written, and `NotInstalled` without the extra
-        ``uvms-ocp[campaign]``.
+        `OutputError` where it cannot be written, `NotInstalled` without the extra
+        ``uvms-ocp[campaign]``, and for Ctrl-C `Interrupted`, whose result is the table so far.
         """
         out = Path(out)
         where: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
-        cluster.run_jobs(
-            out,
-            self.identity(),
-            self.work,
-            self.sources(),
-            **where,
-            limit=time_limit,
-            progress=progress,
-        )
+        try:
+            cluster.run_jobs(
+                out,
+                self.identity(),
+                self.work,
+                self.sources(),
+                **where,
+                limit=time_limit,
+                progress=progress,
+            )
+        except KeyboardInterrupt:
+            raise self._interrupted(out) from None
         return read_table(out)
+
+    def _interrupted(self, out: Path) -> Interrupted:
+        """Say what there is in the folder, and how to go on."""
+        table = None
+        n_finished = 0
+        if (out / FILE).exists():
+            table = read_table(out)
+            n_finished = len(table)
+        return Interrupted(
+            f"stopped with {n_finished} of {self.runs} runs in {out}; the same call goes on with"
+            " the rest",
+            table,
+        )
 
     def scenario_of(self, run: Count) -> Scenario:
         """Build the scenario of run `run`. Raises `InvalidInput` for one that there is not."""

@@ -10,6 +10,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,6 +28,7 @@ from uvms_ocp.errors import (
     optional_module,
     require_first_reading,
 )
+from uvms_ocp.interrupts import held_back
 from uvms_ocp.progress import progress_bar, show_progress
 from uvms_ocp.record.table_files import CAMPAIGN_EXTRA
 from uvms_ocp.types import Range
@@ -92,19 +94,20 @@ def _of_this_machine(workers: int) -> Iterator[Any]:
 
     with settings.config.set(_SETTINGS), tempfile.TemporaryDirectory(prefix="uvms_ocp_") as folder:
         try:
-            cluster = distributed.LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                dashboard_address=None,
-                scheduler_kwargs={
-                    "dashboard_address": "127.0.0.1:0"
-                },  # its other pages, beside another campaign's
-                local_directory=folder,
-                silence_logs=50,
-                preload=["uvms_ocp.campaign.cluster"],
-            )
+            with held_back(), _not_heard_by_children():
+                cluster = distributed.LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    scheduler_kwargs={
+                        "dashboard_address": "127.0.0.1:0"
+                    },  # its other pages, beside another campaign's
+                    local_directory=folder,
+                    silence_logs=50,
+                    preload=["uvms_ocp.campaign.cluster"],
+                )
         except RuntimeError:
             raise UvmsError(
                 "a campaign: its worker processes ended as they started; see their last words on"
@@ -112,6 +115,22 @@ def _of_this_machine(workers: int) -> Iterator[Any]:
             ) from None
         with cluster, distributed.Client(cluster) as client:
             yield client
+
+
+@contextmanager
+def _not_heard_by_children() -> Iterator[None]:
+    """Keep Ctrl-C from threads and processes that are started within: a terminal sends it to all,
+    and each would end with a traceback of its own.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # which would unblock it in the thread that starts workers
+    mask_before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask_before)
 
 
 def _client(address: str) -> Any:
@@ -142,7 +161,10 @@ def run_jobs(
     ``uvms-ocp[campaign]``.
     """
     require_first_reading("Campaign.run")
-    dask(), arrow()
+    with held_back():  # a library that is loaded by half cannot be loaded again
+        dask()
+        arrow()
+        from uvms_ocp.campaign.dispatch import Dispatch
     with ExitStack() as resources:
         # Nobody at the address is found out before there is a folder.
         if scheduler is None:
@@ -166,8 +188,6 @@ def run_jobs(
 
         report_progress()
         if len(folder.left):
-            from uvms_ocp.campaign.dispatch import Dispatch  # with Dask, which takes a second
-
             if client is None:
                 warn_if_slower()  # which workers would not say
                 client = resources.enter_context(connected(None, workers))
