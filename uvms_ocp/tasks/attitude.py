@@ -95,8 +95,8 @@ class AngleTask(Task):
         """Angle [rad] and axis (3,) in W of the rotation towards b (3,) as far as that is driven,
         as of `misalignment`.
 
-        Both are 0 where b has no part in the plane in which the axis is turned; where nothing turns
-        it the axis (3,) is.
+        Both are 0 where b has no part in the plane in which the axis is turned, and where it is
+        turned to b; where nothing turns it the axis (3,) is.
         """
         R_WF, _ = symbols.kinematics.pose(self.frame)
         a = R_WF @ ca.DM(self.watched_axis)
@@ -112,6 +112,9 @@ class AngleTask(Task):
         is_in_view = ahead**2 + aside**2 > _IN_PLANE**2
         normal = symbols.R_WB @ ca.DM(np.cross(axis, directions[:, 0]))
         n = ca.if_else(aside < 0, -normal, normal)
+        # There, either turn leads away: a bound on one of them would depend on the axes of the file.
+        is_there = ca.logic_and(ca.fabs(aside) < _SINE_FLOOR, ahead > 0)
+        n = ca.if_else(is_there, 0, n)
         theta = ca.atan2(ca.fabs(aside), ahead)
         return ca.if_else(is_in_view, theta, 0), ca.if_else(is_in_view, n, 0)
 

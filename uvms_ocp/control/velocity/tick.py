@@ -43,6 +43,10 @@ _SHORT_PERIOD = 0.01
 """[s] Control period up to which a joint is corrected before it is much faster than commanded."""
 _UNCORRECTED = 2.0
 """[1/s] Share of its limit by which it gets faster than commanded in a longer period."""
+_STEADY = 1e-9
+"""Share of a joint's limit below which its command is rest, and of its command by which a steady one
+changes at most: as rounding does.
+"""
 
 _GYRO = CHANNELS.index("angular_velocity")
 
@@ -336,15 +340,16 @@ def _shorten(tick: TickMemory) -> None:
     dt = tick.rule.stop.dt
     for i in range(len(tick.solved)):
         if tick.is_joint[i] != 0:
+            at_rest = abs(tick.command[i]) < _STEADY * tick.velocity_limit[i]
             ahead = tick.command[i] * (tick.v[i] - tick.command[i]) > 0.0
-            if ahead:
+            if ahead and not at_rest:
                 faster = min(
                     _EXCESS_GAIN * abs(tick.v[i] - tick.command[i]),
                     _LARGEST_EXCESS * tick.velocity_limit[i],
                 )
             else:
                 faster = 0.0
-            if tick.command[i] * tick.change[i] < 0.0:
+            if tick.command[i] * tick.change[i] < -_STEADY * tick.command[i] * tick.command[i]:
                 faster = min(faster, tick.faster[i])
             gain = min(1.0, dt / (_RISE_TIME if faster > tick.faster[i] else _DECAY_TIME))
             tick.faster[i] += gain * (faster - tick.faster[i])
