@@ -33,7 +33,7 @@ from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.signals import Command, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import memory_of
-from uvms_ocp.viz.series import thinned
+from uvms_ocp.viz.thinning import thinned
 
 WORDS = {"scenario": "é", "robot": "any", "plant": "kinematic", "solver": "none"}
 META = RunMeta(

@@ -25,10 +25,11 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz.comparison_figures import figure_joint_comparison
 from uvms_ocp.viz.effort_figures import figure_efforts
+from uvms_ocp.viz.figure_names import PLAN_NAMES, RUN_NAMES
 from uvms_ocp.viz.motion_figures import figure_joints, figure_velocities
 from uvms_ocp.viz.plan_figures import PLAN_FIGURES
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
-from uvms_ocp.viz.series import PLAN_NAMES, RUN_NAMES, phase_spans, task_activity
+from uvms_ocp.viz.series import task_activity
 from uvms_ocp.viz.style import DPI, png_of, save_figure
 from uvms_ocp.viz.task_figures import (
     figure_activations,
@@ -36,6 +37,7 @@ from uvms_ocp.viz.task_figures import (
     figure_errors,
     figure_tool_error,
 )
+from uvms_ocp.viz.time_spans import phase_spans
 
 _PNG = b"\x89PNG"
 

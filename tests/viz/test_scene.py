@@ -38,7 +38,8 @@ from uvms_ocp.viz.scene.page import CommandLog, ScenePage
 from uvms_ocp.viz.scene.page_server import served
 from uvms_ocp.viz.scene.shapes import draw_shape, tube
 from uvms_ocp.viz.scene.show import show, write_scene
-from uvms_ocp.viz.series import floor_heights, phase_spans
+from uvms_ocp.viz.series import floor_heights
+from uvms_ocp.viz.time_spans import phase_spans
 
 _FPS = 25
 _KINDS = ("set_object", "set_transform")

@@ -24,7 +24,7 @@ from uvms_ocp.errors import OutputError, plain_line
 from uvms_ocp.record.output import RECORD
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.viz.series import thinned
+from uvms_ocp.viz.thinning import thinned
 
 Job = Callable[[], object]
 """Function that writes one figure or scene."""

@@ -19,7 +19,7 @@ from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.record.output import RECORD, claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot
-from uvms_ocp.viz.series import PLAN_NAMES
+from uvms_ocp.viz.figure_names import PLAN_NAMES
 
 Progress = Callable[[str], None]
 """Callback with how far the search is, to show while it goes on."""

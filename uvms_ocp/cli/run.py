@@ -25,7 +25,7 @@ from uvms_ocp.record.output import RECORD, RUNNING, claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import format_load, summarize
 from uvms_ocp.sim.faults import parse_faults
-from uvms_ocp.viz.series import RUN_NAMES
+from uvms_ocp.viz.figure_names import RUN_NAMES
 
 if TYPE_CHECKING:
     from uvms_ocp.mission_plan.mission_plan import MissionPlan

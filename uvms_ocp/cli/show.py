@@ -173,7 +173,7 @@ def estimate(
     from uvms_ocp.scenario.recorded_estimate import estimate_recording
     from uvms_ocp.viz.run_figures import write_figure
     from uvms_ocp.viz.scene.show import robot_of as recorded
-    from uvms_ocp.viz.series import thinned
+    from uvms_ocp.viz.thinning import thinned
 
     console = console_of(stderr=as_json)
     used_robot = with_robot(opt.given_options(robot=robot, **files.options)).get("robot")

@@ -391,7 +391,8 @@ def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
     array = np.array(value, dtype=float)
     if array.ndim == 1 or (array == array.T).all():
         return value
-    units = np.array([[_last_digit(number) for number in row] for row in array.tolist()])
+    units = np.array([_last_digit(number) for number in array.ravel().tolist()])
+    units = units.reshape(array.shape)
     difference = np.abs(array - array.T)
     size = np.minimum(np.abs(array), np.abs(array.T))
     allowed = np.minimum(1.001 * np.maximum(units, units.T), _ROUNDED * size)

@@ -257,7 +257,10 @@ def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: flo
     for joint in joints:
         # A joint with more positions than velocities (cos, sin) turns without end.
         turns_without_end = joint.n_q != joint.n_v
-        parts.append(np.full(joint.n_v, unlimited) if turns_without_end else limit[joint.q])
+        if turns_without_end:
+            parts.append(np.full(joint.n_v, unlimited))
+        else:
+            parts.append(limit[joint.q])
     values = np.concatenate(parts)
     return read_only(np.where(np.abs(values) > _UNLIMITED, unlimited, values))
 

@@ -116,7 +116,10 @@ def smallest_box(
     rotations = [np.eye(3)]
     clouds = list[np.ndarray]()
     for shape in shapes.geometryObjects:
-        is_included = shape.parentFrame == index if joint is None else shape.parentJoint == joint
+        if joint is None:
+            is_included = shape.parentFrame == index
+        else:
+            is_included = shape.parentJoint == joint
         if is_included:
             X_FS = X_JF.actInv(shape.placement)
             rotations.append(X_FS.rotation)

@@ -321,7 +321,9 @@ def _vehicle_part(
         if position is not None or rpy is not None or quaternion is not None:
             raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only")
         return np.zeros(0)
-    p_WB = np.zeros(3) if position is None else finite_array("position", position, (3,))
+    p_WB = np.zeros(3)
+    if position is not None:
+        p_WB = finite_array("position", position, (3,))
     return np.concatenate([p_WB, _orientation(rpy, quaternion)])
 
 
@@ -367,7 +369,9 @@ def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndar
         raise InvalidInput("give either rpy or quaternion, not both")
     if quaternion is not None:
         return finite_array("quaternion", quaternion, (4,))
-    angles = np.zeros(3) if rpy is None else finite_array("rpy", rpy, (3,))
+    angles = np.zeros(3)
+    if rpy is not None:
+        angles = finite_array("rpy", rpy, (3,))
     return np.asarray(pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs())
 
 

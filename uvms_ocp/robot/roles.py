@@ -103,7 +103,7 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
         else:
             arm.append(joint)
     tools = list[tuple[str, ...]]()
-    ends = [joint for joint in arm if not any(child in arm for child in tree.children(joint))]
+    ends = [joint for joint in arm if not set(arm) & set(tree.children(joint))]
     ends.sort(key=lambda joint: -len(tree.above(joint)))
     for joint in ends:
         tips = _tips(tree, joint)

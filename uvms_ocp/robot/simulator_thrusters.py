@@ -169,7 +169,9 @@ def _converted(conversion: Element, state: float) -> float | None:
     kind = conversion.findtext("type", "").strip()
     if kind == "Basic":
         constant = _number(conversion, "rotorConstant")
-        return None if constant is None else constant * abs(state) * state
+        if constant is None:
+            return None
+        return constant * abs(state) * state
     if kind == "Bessa":
         return _bessa(conversion, state)
     if kind == "LinearInterp":

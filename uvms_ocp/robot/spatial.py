@@ -72,7 +72,10 @@ def matrix(*rows: Sequence[Array]) -> Array:
     """
     if not any(is_symbolic(*row) for row in rows):
         return np.array(rows, dtype=float)
-    return ca.vertcat(*[ca.horzcat(*[_with_structural_zero(x) for x in row]) for row in rows])
+    expressions = []
+    for row in rows:
+        expressions.append(ca.horzcat(*[_with_structural_zero(entry) for entry in row]))
+    return ca.vertcat(*expressions)
 
 
 def _with_structural_zero(entry: Array) -> Array:

@@ -235,7 +235,9 @@ def _mean_thrust_at(
         )
     below = voltages[voltages <= at][-1]
     above = voltages[voltages >= at][0]
-    share = 0.0 if above == below else (at - below) / (above - below)
+    share = 0.0
+    if above > below:
+        share = (at - below) / (above - below)
     is_below = voltage == below
     is_above = voltage == above
     signals_below, mean_below = _mean_thrust(signals[is_below], thrust[is_below])

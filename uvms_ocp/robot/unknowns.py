@@ -96,11 +96,12 @@ def link_inertia(model: pin.Model, link: str) -> pin.Inertia:
         return frame.inertia
     if above.type == pin.FrameType.FIXED_JOINT:
         return frame.placement.actInv(above.placement.act(above.inertia))
-    own = model.inertias[frame.parentJoint].toDynamicParameters()
-    for other in model.frames:
-        if other.parentJoint == frame.parentJoint and other.inertia.mass:
-            own -= other.placement.act(other.inertia).toDynamicParameters()
-    return frame.placement.actInv(pin.Inertia.FromDynamicParameters(own))
+    parameters = model.inertias[frame.parentJoint].toDynamicParameters()
+    for fixed_frame in model.frames:
+        if fixed_frame.parentJoint == frame.parentJoint and fixed_frame.inertia.mass:
+            fixed_inertia = fixed_frame.placement.act(fixed_frame.inertia)
+            parameters -= fixed_inertia.toDynamicParameters()
+    return frame.placement.actInv(pin.Inertia.FromDynamicParameters(parameters))
 
 
 def joints_without_inertia(model: pin.Model, M: np.ndarray) -> Iterator[str]:

@@ -178,7 +178,10 @@ def _check_axis(path: Path, joint: Element, where: str, model: pin.Model) -> Non
     built = model.joints[model.getJointId(joint.get("name", ""))]
     S = np.array(built.createData().S).reshape(6, -1)
     last_motion = S[:, -1]  # of a planar joint: its turn, about the normal of its plane
-    direction = last_motion[:3] if kind == "prismatic" else last_motion[3:]
+    if kind == "prismatic":
+        direction = last_motion[:3]
+    else:
+        direction = last_motion[3:]
     _check_close(path, f"{where} axis", axis / np.linalg.norm(axis), direction)
 
 

@@ -93,7 +93,9 @@ def collada_asset(file: Path) -> ColladaAsset:
     with suppress(OSError), file.open("rb") as stream:
         head = stream.read(_COLLADA_HEAD)
         unit = _COLLADA_METRE.search(head)
-        metres = to_float(unit[1].decode("latin-1")) if unit else 1.0
+        metres = 1.0
+        if unit:
+            metres = to_float(unit[1].decode("latin-1"))
         if not _UNITS[0] <= metres <= _UNITS[1]:
             metres = 1.0
         up_axis = _COLLADA_UP_AXIS.search(head)

@@ -179,8 +179,10 @@ class DynamicPlant(Plant):
         arrays = self._arrays
         telemetry = {name: getattr(arrays, name) for name in _TELEMETRY}
         telemetry["joint_energy"] = arrays.joint_energy.reshape(())
+        telemetry["current"] = np.zeros(3)
         has_links_in_water = len(arrays.u) > 0
-        telemetry["current"] = arrays.u[:3] if has_links_in_water else np.zeros(3)
+        if has_links_in_water:
+            telemetry["current"] = arrays.u[:3]
         return telemetry
 
     def _ask(self, command: Command) -> None:

@@ -289,13 +289,16 @@ def parse_fault(text: str) -> Fault:
     return Fault(target=parts["target"], kind=parts["kind"], values=values, onset=onset, end=end)
 
 
-def parse_faults(given: Iterable[str | Fault]) -> tuple[Fault, ...]:
+def parse_faults(faults: Iterable[str | Fault]) -> tuple[Fault, ...]:
     """Return faults, of which some may be texts. Raises `InvalidInput` and `NameNotFound`, in one
     line.
     """
-    if not isinstance(given, Iterable):
-        raise InvalidInput(f"faults = {short(given)}; give a list of faults, each as {_FORM}")
-    faults = list[Fault]()
-    for fault in given:
-        faults.append(fault if isinstance(fault, Fault) else parse_fault(fault))
-    return tuple(faults)
+    if not isinstance(faults, Iterable):
+        raise InvalidInput(f"faults = {short(faults)}; give a list of faults, each as {_FORM}")
+    parsed = list[Fault]()
+    for fault in faults:
+        if isinstance(fault, Fault):
+            parsed.append(fault)
+        else:
+            parsed.append(parse_fault(fault))
+    return tuple(parsed)

@@ -53,7 +53,9 @@ def thruster_condition(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterC
             continue
         k = fault.location.number - 1
         if fault.kind == "stuck":
-            offset[k] = fault.values[0] if fault.values else thrust[k]
+            offset[k] = thrust[k]
+        if fault.kind == "stuck" and fault.values:
+            offset[k] = fault.values[0]
         if fault.kind == "dead":
             dead[k] = True
         if fault.kind == "weak":

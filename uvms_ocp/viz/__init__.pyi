@@ -25,7 +25,6 @@ from .run_figures import (
 from .scene.live import live as live
 from .scene.page import ScenePage as ScenePage
 from .scene.show import show as show, write_scene as write_scene
-from .series import phase_spans as phase_spans
 from .several_runs import figure_several_runs as figure_several_runs
 from .task_figures import (
     figure_activations as figure_activations,
@@ -37,4 +36,5 @@ from .task_figures import (
     figure_row_activations as figure_row_activations,
     figure_tool_error as figure_tool_error,
 )
+from .time_spans import phase_spans as phase_spans
 from .timing_figures import figure_tick_time as figure_tick_time

@@ -1,5 +1,5 @@
-"""Figures of many runs: how sure the rate is, how runs end, how figures of merit spread, what they
-depend on.
+"""Figures of a campaign: success rate and its interval, outcomes, spread of figures of merit, and
+what they depend on.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from uvms_ocp.record.tables import unit_of
 from uvms_ocp.viz import layout, series, style
 from uvms_ocp.viz.colours import BLACK, BLUE, GREEN, ORANGE, VERMILLION
 from uvms_ocp.viz.label_text import label_text
+from uvms_ocp.viz.time_spans import phase_spans
 
 _COLORS = (BLUE, VERMILLION, GREEN, ORANGE)
 _SMOOTHNESS = {
@@ -49,7 +50,7 @@ def figure_joint_comparison(
     )
     figure, axes = layout.stacked(len(joints), 0.6, title, fig, width)
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
-        spans = {span.name: span for span in series.phase_spans(record)}
+        spans = {span.name: span for span in phase_spans(record)}
         require_known("phase", phase, spans)
         span = spans[phase]
         rows = (record["t"] >= span.start) & (record["t"] <= span.end)
@@ -65,9 +66,9 @@ def figure_joint_comparison(
 
 def _last_shared_phase(records: Mapping[str, Record]) -> str:
     """Return the phase that the first run entered last of those that all runs have been in."""
-    names_of_runs = [
-        [span.name for span in series.phase_spans(record)] for record in records.values()
-    ]
+    names_of_runs = []
+    for record in records.values():
+        names_of_runs.append([span.name for span in phase_spans(record)])
     for name in reversed(names_of_runs[0]):
         if all(name in names for names in names_of_runs):
             return name

@@ -1,4 +1,4 @@
-"""Figure of how well the estimator knew where the robot was, and how well it said so."""
+"""Figure of the errors of the estimate within the standard deviations that the filter gives."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from uvms_ocp.record.run_meta import joint_errors
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import AXES_XYZ, LINES
 from uvms_ocp.viz.label_text import label_texts
-from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, phase_spans
+from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle
+from uvms_ocp.viz.time_spans import phase_spans
 
 _FITTING = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
 _Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]

@@ -1,4 +1,4 @@
-"""Figure of how far each sensor could be trusted, and what was said against it."""
+"""Figure of the trust in each sensor over time, with the first alarms."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import GREEN, ORANGE, VERMILLION
 from uvms_ocp.viz.label_text import label_text
-from uvms_ocp.viz.series import axis_label, intervals_of, phase_spans
+from uvms_ocp.viz.series import axis_label
+from uvms_ocp.viz.time_spans import intervals_of, phase_spans
 
 _STATE_COLORS = {"good": GREEN, "suspect": ORANGE, "lost": VERMILLION}
 _MOST_ALARMS = 8  # written below the bars
@@ -21,8 +22,8 @@ _LINE = 0.17  # [in] of text
 def figure_health(
     record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
-    """Draw one bar over time per channel, green where it was good, and below the bars what was said
-    against channels.
+    """Draw one bar over time for each channel, green where it was good, and below the bars the
+    first alarms on channels.
     """
     if record.meta.kind != "run" or "health" not in record.series or not record.meta.channels:
         return None

@@ -11,8 +11,8 @@ from uvms_ocp.errors import plain_line
 from uvms_ocp.record.record import Record
 from uvms_ocp.viz.colours import BLUE, FAULT, GREEN, ORANGE, PINK, THRESHOLD
 from uvms_ocp.viz.layout import inches
-from uvms_ocp.viz.series import PhaseSpan, fault_spans, phase_spans
 from uvms_ocp.viz.style import points
+from uvms_ocp.viz.time_spans import PhaseSpan, fault_spans, phase_spans
 
 _BANDS = ((BLUE, 0.09), (ORANGE, 0.12), (GREEN, 0.1), (PINK, 0.16), ("#808080", 0.12))
 """Colours of phases and how much they cover, on light and dark paper."""
@@ -85,6 +85,7 @@ def shade_phases(
 
     named: write their names above the first. letters_beside: length of the longest text beside the
     panels, but for legends, which leaves less room for names.
+
     Panels that show the phases of another record already keep those, and become as long as both.
     """
     if any(_has_phases(axis) for axis in axes):

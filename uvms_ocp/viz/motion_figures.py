@@ -14,7 +14,8 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import AXES_XYZ, DASHES, LINES, VERMILLION
 from uvms_ocp.viz.label_text import label_text
-from uvms_ocp.viz.series import PhaseSpan, axis_label, has_vehicle, phase_spans
+from uvms_ocp.viz.series import axis_label, has_vehicle
+from uvms_ocp.viz.time_spans import PhaseSpan, phase_spans
 
 _ZOOM = 1.0  # [s] on each side of a transition
 _ZOOM_WIDTH = 1.7  # [in]

@@ -13,7 +13,8 @@ from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import BLACK, LINES
 from uvms_ocp.viz.label_text import label_text
-from uvms_ocp.viz.series import floor_heights, has_vehicle, phase_spans
+from uvms_ocp.viz.series import floor_heights, has_vehicle
+from uvms_ocp.viz.time_spans import phase_spans
 
 _FLOOR_COLOR = "#8C6D46"
 _OBSTACLE_COLOR = "#D9B48F"

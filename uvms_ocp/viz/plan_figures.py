@@ -104,7 +104,7 @@ def _mark_least(axis: Axes, nearest: meta_values.ClearanceMeta) -> None:
 
 _ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, figure_efforts)
 PLAN_FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
-"""What draws each figure of a plan, by name."""
+"""Functions that draw each figure of a plan, by name."""
 
 
 @checked

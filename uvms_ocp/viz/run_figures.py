@@ -22,8 +22,9 @@ from uvms_ocp.viz.health_figures import figure_health
 from uvms_ocp.viz.motion_figures import figure_joints, figure_velocities
 from uvms_ocp.viz.path_figures import figure_path
 from uvms_ocp.viz.plan_figures import PLAN_FIGURES
-from uvms_ocp.viz.series import require_rows, thinned
+from uvms_ocp.viz.series import require_rows
 from uvms_ocp.viz.several_runs import figure_several_runs
+from uvms_ocp.viz.thinning import thinned
 from uvms_ocp.viz.timing_figures import figure_tick_time
 
 _OF_ERRORS = (
@@ -81,8 +82,9 @@ def write_figure(
     format: Format = "png",
     width: layout.Width = "page",
 ) -> Path | None:
-    """Write one of `FIGURES`, or of a plan's; `None` where the record cannot fill it. Raises as
-    `write_figures`.
+    """Write one of `FIGURES`, or of a plan's; `None` where the record cannot fill it. Raises
+    `InvalidInput` for a record with fewer than two rows and `OutputError` where the folder cannot
+    be written.
     """
     figure = {**PLAN_FIGURES, **FIGURES}[name](record, width=width)
     if figure is None:
@@ -154,7 +156,7 @@ def plot(
 
 
 def _thinned_record(what: Plan | Record) -> Record:
-    """Return what is drawn of a run or a plan."""
+    """Return the record of a run or a plan, thinned where it is very long."""
     if isinstance(what, Record):
         return thinned(what)
     return thinned(what.to_record())

@@ -18,7 +18,8 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style, task_figures
 from uvms_ocp.viz.colours import DASHES, LINES, THRESHOLD
 from uvms_ocp.viz.label_text import label_text, label_texts
-from uvms_ocp.viz.series import PhaseSpan, phase_spans, require_rows
+from uvms_ocp.viz.series import require_rows
+from uvms_ocp.viz.time_spans import PhaseSpan, phase_spans
 
 BAND = (5.0, 95.0)
 """Percentiles [%] of many runs that a band reaches from and to, about their median."""
@@ -33,7 +34,7 @@ _DASHES: tuple[Any, ...] = (
     (0, (1, 3)),
     (0, (8, 2, 2, 2)),
 )
-"""Of the columns of a series, one after the other."""
+"""Dashes of the columns of a series, one after the other."""
 
 _Line = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 """Times [s], values, and the edges (2, n) of a band around them, or none."""
@@ -41,7 +42,7 @@ _Line = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 
 @dataclass(frozen=True, kw_only=True)
 class RunGroup:
-    """What one name and one colour stand for: a run, or many runs that are drawn as a band.
+    """Runs that have one name and one colour: a run, or many runs that are drawn as a band.
 
     Raises `InvalidInput` for no runs, and for one with nothing to draw.
     """

@@ -123,11 +123,11 @@ class _MjcfReader:
         bodies = list[tuple[Element, pin.SE3]]()
         for world in self.root.findall("worldbody"):
             bodies += self._bodies_in(world, pin.SE3.Identity())
-        moving = [
-            (body, X)
-            for body, X in bodies
-            if any(element.tag in ("joint", "freejoint") for element in body.iter())
-        ]
+        moving = []
+        for body, X in bodies:
+            tags = {element.tag for element in body.iter()}
+            if tags & {"joint", "freejoint"}:
+                moving.append((body, X))
         candidates = moving or bodies
         if len(candidates) > 1:
             driven = [(body, X) for body, X in candidates if self._is_driven(body)]

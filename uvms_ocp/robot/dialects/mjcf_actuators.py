@@ -57,7 +57,9 @@ def effort_limits(root: Element, defaults: Defaults) -> dict[str, float]:
         if joint is None:
             continue
         low, high = _force_range(element, values)
-        gear = float(vector(values, "gear", [])[:1].sum()) if "gear" in values else 1.0
+        gear = 1.0
+        if "gear" in values:
+            gear = float(vector(values, "gear", [])[:1].sum())
         effort = max(abs(low), abs(high)) * abs(gear)
         efforts[joint] = max(efforts.get(joint, 0.0), effort)
     return efforts

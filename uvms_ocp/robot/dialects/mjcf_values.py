@@ -174,7 +174,11 @@ def _euler(angles: np.ndarray, compiler: Compiler) -> np.ndarray:
     for letter, angle in zip(compiler.euler_axes, angles, strict=True):
         axis = np.eye(3)["xyz".index(letter.lower())]
         turn = np.asarray(pin.exp3(axis * compiler.angle(angle)))
-        R = R @ turn if letter.islower() else turn @ R
+        turns_with_frame = letter.islower()
+        if turns_with_frame:
+            R = R @ turn
+        else:
+            R = turn @ R
     return R
 
 

@@ -49,8 +49,11 @@ def mesh_inertia(density: float, file: Path, scale: np.ndarray) -> pin.Inertia |
     except (ValueError, RuntimeError):
         return None
     vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
-    triangles = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
-    corners = vertices[[[triangle[k] for k in range(3)] for triangle in triangles]]
+    triangles = []
+    for i in range(mesh.num_tris):
+        triangle = mesh.tri_indices(i)
+        triangles.append([triangle[0], triangle[1], triangle[2]])
+    corners = vertices[triangles]
     # Tetrahedra between the origin and each triangle.
     volumes = np.linalg.det(corners) / 6.0
     volume = float(volumes.sum())

@@ -66,7 +66,9 @@ def obstacle(
     Raises `InvalidInput` for other shapes and what `Obstacle` refuses.
     """
     p = np.asarray(position, dtype=float)
-    R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+    R = np.eye(3)
+    if rotation is not None:
+        R = np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3):
         raise InvalidInput(
             f"obstacle {name!r} has position {p} and rotation {R.tolist()}; give (3,) and (3, 3)"

@@ -124,7 +124,9 @@ def _by_coal(result: coal.DistanceResult) -> PairContact:
     if not abs(np.linalg.norm(normal) - 1.0) < _UNIT:
         way = second - first
         length = float(np.linalg.norm(way))
-        normal = way / length if length > 0.0 else np.zeros(3)
+        normal = np.zeros(3)
+        if length > 0.0:
+            normal = way / length
     return PairContact(
         distance=float(result.min_distance), normal=normal, first=first, second=second
     )

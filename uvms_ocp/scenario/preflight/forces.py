@@ -247,7 +247,7 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     )
     phase_name = ""
     if missed:
-        phase, task = waiting[0] if waiting else missed[0]
+        phase, task = (waiting or missed)[0]
         phase_name = phase.name
         text += f": {task.name} is on, and its goal, a tilt of {task.aim:.2g} rad, is missed"
     text += "; trim the robot (`check-robot` tells by what)"

@@ -16,7 +16,8 @@ from uvms_ocp.robot.roles import ALTIMETER, TOOL
 from uvms_ocp.robot.spatial import continuous_quaternions
 from uvms_ocp.viz.scene.page import AnimationClip, AnimationTrack, Visualizer, geometry as mg
 from uvms_ocp.viz.scene.shapes import Y_TO_Z, draw_shape, glow, shifted
-from uvms_ocp.viz.series import phase_spans, require_rows
+from uvms_ocp.viz.series import require_rows
+from uvms_ocp.viz.time_spans import phase_spans
 
 _MAX_POSES = 25_000  # joints times frames; keeps the page below 5 MB however long the run
 _MISSED = 5e-4  # [m, -] by which straight lines between keys of a track may miss it

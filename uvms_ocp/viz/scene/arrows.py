@@ -23,7 +23,9 @@ _LONGEST = 1.6  # of its share, to which longer arrows are cut
 Arrow = tuple[np.ndarray, np.ndarray]
 """Origin (3,) [m] of an arrow in B, and its vectors (n, 3) [its unit] in B."""
 Draw = Callable[[np.ndarray, Robot, Frames, float], Iterator[Arrow]]
-"""Takes the series at the frames, and the size of the robot."""
+"""Function that yields arrows from a series at the frames, the robot, the frames, and the size of
+the robot [m].
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

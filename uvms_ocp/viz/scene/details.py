@@ -18,10 +18,11 @@ from uvms_ocp.robot.signals import Trust
 from uvms_ocp.viz.scene import shapes, surroundings
 from uvms_ocp.viz.scene.animation import Frames, joint_node, rounded
 from uvms_ocp.viz.scene.ghosts import Ghost
-from uvms_ocp.viz.series import estimate_suffix, fault_spans, intervals_of, phase_spans
+from uvms_ocp.viz.series import estimate_suffix
+from uvms_ocp.viz.time_spans import fault_spans, intervals_of, phase_spans
 
 _SPEEDS = (0.25, 1, 2, 5, 10, 20, 50, 100)
-"""Times real time, of playback."""
+"""Speeds of playback, times real time."""
 _LONGEST_SHOW = 60.0  # [s] beyond it playback begins sped up
 _FAR = 12.0  # robot sizes; a longer mission opens with the camera on the vehicle
 _MOST_POINTS = 400  # about, that the camera is to see

@@ -92,7 +92,7 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
 
 
 class LiveView(AbstractContextManager["LiveView"]):
-    """Shows what it is called with: give it to a run as `observer`. Served on the loopback address
+    """View of a run that goes on: give it to the run as `observer`. Served on the loopback address
     alone, until it is closed.
     """
 
@@ -106,7 +106,8 @@ class LiveView(AbstractContextManager["LiveView"]):
         speed: float,
         port: int,
     ) -> None:
-        """q (n_q,) [m, rad] and goal X_WT: as `page` shows them. Speed and port as `live` has them.
+        """q (n_q,) [m, rad] and goal X_WT: as `page` shows them at first. speed: times that of the
+        clock. port: 0 for any that is free.
 
         Raises `OutputError` for a port that is taken.
         """
@@ -143,7 +144,7 @@ class LiveView(AbstractContextManager["LiveView"]):
 
     @property
     def q(self) -> np.ndarray:
-        """(n_q,) [m, rad] configuration that is shown: of the newest tick, of `display`, or as it
+        """Configuration (n_q,) [m, rad] that is shown: of the newest tick, of `display`, or as it
         was dragged in a notebook.
         """
         if isinstance(self._now, np.ndarray):
@@ -278,7 +279,10 @@ def live(
     """
     if isinstance(what, Robot):
         robot = what
-        q = what.configuration() if q is None else what.check_configuration(q)
+        if q is None:
+            q = what.configuration()
+        else:
+            q = what.check_configuration(q)
     elif q is not None:
         raise InvalidInput(f"q = {short(q)} of a scenario; give it as its start")
     else:

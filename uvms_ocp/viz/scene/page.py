@@ -58,13 +58,13 @@ _shown = dict[str, str]()
 _FROM_THE_SIDE = (0.5, -1.0, 0.45)
 
 _SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "drag", "live", "main")
-"""One after the other: the page's script."""
+"""Files of the page's script, one after the other."""
 _MARK = re.compile("__([A-Z]+)__")
 
 
 @dataclass(kw_only=True, slots=True)
 class CommandLog:
-    """Stands in for meshcat's window: keeps every command instead of sending it to a server."""
+    """Replacement of meshcat's window that keeps every command instead of sending it to a server."""
 
     blobs: list[bytes] = field(default_factory=list)
 

@@ -47,7 +47,7 @@ def served(
 
 
 class _PageServer(ThreadingHTTPServer):
-    """Turns away whoever comes while all connections are taken."""
+    """Server that turns away whoever comes while all connections are taken."""
 
     request_queue_size = _MOST_CONNECTIONS
 

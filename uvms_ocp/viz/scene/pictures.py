@@ -40,7 +40,7 @@ _DRAWN_BY_THE_PROCESSOR = (
     "--enable-unsafe-swiftshader",
 )
 _MOST_FRAMES = 100_000
-"""Pictures of a film at most."""
+"""Largest number of pictures of a film."""
 _JPEG_QUALITY = 92
 _EVEN_SIZE = "scale=trunc(iw/2)*2:trunc(ih/2)*2"
 _OWN_COLOURS = "split[a][b];[a]palettegen[p];[b][p]paletteuse"
@@ -100,12 +100,12 @@ def browser() -> Iterator[Browser]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Camera:
-    """What a picture shows, and how large it is."""
+    """Camera of a picture: its view and size."""
 
     width: int
-    """[px]"""
+    """[px] width of the picture."""
     height: int
-    """[px]"""
+    """[px] height of the picture."""
     view: str
     """Name of the camera: ``mission``, ``vehicle`` or ``tool``."""
 
@@ -179,7 +179,7 @@ class _Sheet:
 
     @property
     def duration(self) -> float:
-        """[s] of its time line."""
+        """Duration [s] of the time line."""
         return float(self.page.evaluate("DETAILS.duration"))
 
     def picture(self, t: float, image_format: str) -> bytes:

@@ -1,6 +1,4 @@
-"""A robot that stands still in a configuration, and what the page needs to move its joints by
-sliders.
-"""
+"""Draw a robot that stands still in a configuration, with sliders that move its joints."""
 
 from __future__ import annotations
 

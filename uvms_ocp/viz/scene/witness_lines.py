@@ -1,5 +1,5 @@
-"""How near the robot is to each obstacle: the distance, and the line between the two points where
-they are nearest.
+"""Witness lines: the distance of the robot from each obstacle, and the line between the two points
+where they are nearest.
 """
 
 from __future__ import annotations
