@@ -81,7 +81,7 @@ STRENGTHS = {
         bias=(0.08, 1.0), drift=(0.01, 0.2), spikes=(0.5, 3.0), components=3
     ),
     "linear_velocity": Strength(
-        bias=(0.12, 1.0), drift=(0.01, 0.2), spikes=(0.5, 5.0), components=3
+        bias=(0.12, 1.0), drift=(0.01, 0.2), spikes=(0.3, 5.0), components=3
     ),
     "joint_positions": Strength(
         bias=(0.1, 1.0), drift=(0.02, 0.3), spikes=(0.1, 1.0), components=0

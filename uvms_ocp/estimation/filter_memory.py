@@ -246,6 +246,8 @@ class FilterMemory(Layout):
     """
     jerk_share: float
     """Share of `ProcessNoise.JERK` that the vehicle shows, by the innovations of its DVL."""
+    shaken: float
+    """[s] when a reading of the DVL last surprised."""
     turn: Annotated[Vector, Sized(4)]
     """(4,) quaternion xyzw of R_WB."""
     x: Annotated[Vector, Sized(MAIN)]
@@ -400,6 +402,7 @@ def initialise(
     structure.guided = specs.specific_force is None
     structure.echo_memory = _ECHO_MEMORY
     structure.echo = -math.inf
+    structure.shaken = -math.inf
     structure.jerk_share = 1.0
     is_noisy = memory.sigma[ChannelIndex.LINEAR_VELOCITY] > _SMALLEST_SIGMA
     structure.least_jerk_share = 1.0

@@ -33,6 +33,7 @@ _FADING = 0.05
 # gain of the share of the jerk, and largest squared innovation that counts
 _ADAPTATION = 0.1
 _MOST_ADAPTED = 20.0
+_SHAKEN = 3.0  # [s] after a DVL that surprised for which fixes tell nothing of its bias
 _SURPRISE = (
     0.05  # [s] for which the robot may have accelerated as it can before the process model notices
 )
@@ -436,6 +437,8 @@ def _gate(filter: FilterMemory, channel: int, slot: int, delta: float) -> None:
         filter.since[channel] = math.nan
         if squared > filter.gate[channel]:
             filter.surprise[channel] = math.sqrt(size)
+            if channel == ChannelIndex.LINEAR_VELOCITY:
+                filter.shaken = filter.stamp[channel]
             _inflate_surprised(filter, channel, size)
             vehicle.recall_measurement(filter, channel, slot, vehicle.active(filter))
         else:
@@ -571,7 +574,8 @@ def _inflate_surprised(filter: FilterMemory, channel: int, squared: float) -> No
     carries the estimate is biased.
 
     The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again
-    soon.
+    soon. Nor is it where these have surprised of late: what fixes contradict then is a velocity
+    that was none.
     """
     if filtering.orders_of(channel) > 1:
         time = time_since_accepted(filter, channel)
@@ -594,6 +598,9 @@ def _inflate_surprised(filter: FilterMemory, channel: int, squared: float) -> No
         # A late gyro has not told of this turn yet: that is no bias of it.
         for i in range(int(Part.SPIN), int(Part.SPIN) + 3):
             filter.P[i][i] += squared / (unseen * unseen)
+    elif _is_place(channel) and filter.stamp[channel] - filter.shaken <= _SHAKEN:
+        for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
+            filter.P[i + 3][i + 3] += squared / (time * time)
     elif channel <= ChannelIndex.DEPTH:
         for i in range(bias, bias + 3):
             filter.P[i][i] += squared / (time * time)
