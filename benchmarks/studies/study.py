@@ -25,6 +25,7 @@ from uvms_ocp.version import __version__
 
 _MOST_RUNS = 1_000_000
 _ROW = "row"
+_FAILED = "failed"
 _SUCCESS = ("completed", "passed")  # columns of studies that tell of it
 
 
@@ -137,7 +138,9 @@ class _Cases(CampaignJob):
         success = next((bool(row[name]) for name in _SUCCESS if name in row), True)
         outcome = COMPLETED
         if not success:
-            outcome = str(row.get("end", row.get("cause", "failed")))
+            outcome = str(row.get("end", row.get("cause", _FAILED)))
+        if not success and outcome == COMPLETED:
+            outcome = _FAILED  # it ended well and did not pass
         cause = str(row.get("text", row.get("cause", "")))
         return RunResult(
             row={_ROW: json.dumps(row), "outcome": outcome, "success": success, "cause": cause}

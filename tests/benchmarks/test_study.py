@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -34,3 +35,23 @@ def test_a_study_and_its_result_are_shown_as_tables_of_80_columns_in_which_names
         assert max(map(len, lines)) <= 80
         assert all(line.isprintable() for line in lines)
         assert "<script" not in value._repr_html_()
+
+
+def completed_without_passing(name: str) -> dict[str, Any]:
+    return {"name": name, "end": "completed", "passed": False}
+
+
+def test_a_study_goes_on_where_it_was_after_cases_that_completed_and_did_not_pass(
+    tmp_path: Path,
+) -> None:
+    """Their rows said that they had success and had none, and were refused."""
+    study = Study(
+        name="a",
+        title="b",
+        cases=("x", "y"),
+        run_case=completed_without_passing,
+        summarize=list,
+    )
+    first = study.run(tmp_path / "study")
+    again = study.run(tmp_path / "study")
+    assert [dict(row) for row in again.cases] == [dict(row) for row in first.cases]
