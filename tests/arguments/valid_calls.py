@@ -823,6 +823,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
         "step": 60.0,
     },
     "MissionPlan.load": lambda: {"path": whole().save(Path(mkdtemp(), "plan.npz"))},
+    "ScenePage.save": lambda: {"path": Path(mkdtemp(), "page.html")},
     "MissionPlan.save": lambda: {"path": Path(mkdtemp(), "plan.npz")},
     "show": lambda: {"what": robot(), "robot_or_q": q()},
     "figure_of": lambda: {"name": "q"},
