@@ -25,8 +25,8 @@ class Stopped(KeyboardInterrupt):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C, or the stop of a notebook's cell, with the `result` so far: the `Record` of a run,
-    the `Plan` of a planner.
+    """Ctrl-C, or the stop of a notebook's cell, with the `result` so far, if there is any: the
+    `Record` of a run, the `Plan` of a planner, the table of a campaign.
     """
 
     def __init__(self, text: str, result: Any = None) -> None:
@@ -35,6 +35,8 @@ class Interrupted(KeyboardInterrupt):
 
     def _render_traceback_(self) -> list[str]:
         """Return the one line that IPython prints in place of a traceback."""
+        if self.result is None:
+            return [str(self)]
         return [f"{self}; sys.last_value.result has what there is so far"]
 
 

@@ -46,23 +46,34 @@ def test_a_true_rate_beyond_its_limit_is_named(
         assert row["rate"] == pytest.approx(share * row["limit"])
 
 
-@pytest.mark.parametrize("excess", [-1e-4, 2e-4])
-def test_a_joint_that_lies_against_its_stop_is_named(excess: float) -> None:
-    """A joint lay 2 mm beyond its stop for 5.5 s, and no word was said."""
+@pytest.mark.parametrize(
+    ("plant", "excess", "end", "is_named"),
+    [
+        ("dynamic", 2e-4, 1.5, True),
+        ("dynamic", -1e-4, 1.5, False),
+        ("dynamic", 2e-4, 1.05, False),
+        ("kinematic", 2e-4, 1.5, False),
+    ],
+)
+def test_a_joint_that_lies_against_its_stop_is_named(
+    plant: str, excess: float, end: float, is_named: bool
+) -> None:
+    """A joint lay 2 mm beyond its stop for 5.5 s, and no word was said; a touch is none."""
     stored = moved(1, 0.0, 1.0, ())
     limits = stored.meta.limits
     assert limits is not None
     q = np.array(stored["q"])
-    pressed = (stored["t"] >= 1.0) & (stored["t"] < 1.5)
+    pressed = (stored["t"] >= 1.0) & (stored["t"] < end)
     column = q.shape[1] - len(limits.position_lower) + 1
     q[pressed, column] = limits.position_upper[1] + excess
-    record = Record(series={**stored.series, "q": q}, meta=stored.meta)
+    meta = stored.run_meta.model_copy(update={"plant": plant})
+    record = Record(series={**stored.series, "q": q}, meta=meta)
     rows = summarize(record)["pressed_stops"]
-    if excess < 0.0:
+    if not is_named:
         assert rows == []
     else:
         (row,) = rows
         assert (row["joint"], row["unit"]) == ("joint2", "rad")
         assert row["t"] == pytest.approx(1.0)
-        assert row["duration"] == pytest.approx(0.5, abs=2 * stored.run_meta.dt)
+        assert row["duration"] == pytest.approx(0.5, abs=2 * meta.dt)
         assert row["excess"] == pytest.approx(excess)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import field
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,6 @@ from typing import Any
 from uvms_ocp.campaign import cluster
 from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.campaign.manifest import (
-    FILE,
     MOST_RUNS,
     SOURCES,
     CampaignManifest,
@@ -24,7 +24,7 @@ from uvms_ocp.campaign.sampling_design import Design
 from uvms_ocp.campaign.store import read_table
 from uvms_ocp.campaign.variations import Variation, require_available
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.errors import InvalidInput, require_known
+from uvms_ocp.errors import InvalidInput, UvmsError, require_known
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.scenario.scenario import Scenario
@@ -130,12 +130,13 @@ class Campaign(FieldTable):
         return read_table(out)
 
     def _interrupted(self, out: Path) -> Interrupted:
-        """Say what there is in the folder, and how to go on."""
+        """Say what there is in the folder, if it is that of this campaign, and how to go on."""
         table = None
         n_finished = 0
-        if (out / FILE).exists():
-            table = read_table(out)
-            n_finished = len(table)
+        with suppress(UvmsError):
+            if read_manifest(out) == self.identity():
+                table = read_table(out)
+                n_finished = len(table)
         return Interrupted(
             f"stopped with {n_finished} of {self.runs} runs in {out}; the same call goes on with"
             " the rest",

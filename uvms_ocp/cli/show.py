@@ -262,6 +262,10 @@ def show_scene(
     \f
     Raises `InvalidInput` for what is no record, plan or robot, and for what does not fit together.
     """
+    from uvms_ocp.viz.scene.page import require_saved_suffix
+
+    if out is not None:
+        require_saved_suffix(out)
     console = console_of()
     with console.status("drawing"):
         page = _page(what, tuple(ghost or ()), robot, files, fps)

@@ -77,7 +77,7 @@ class PreparedRecording:
     commands: ZeroOrderHold
     """Commands of the actuators [N, N m]."""
     joints: recordings.Channel | None
-    """Positions of the joints, where the vehicle has any."""
+    """Positions [rad or m] of the joints, where the vehicle has any."""
     vertical: np.ndarray
     """(n, 3) [-] W's vertical in B, of each sample of the attitude."""
 

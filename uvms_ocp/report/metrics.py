@@ -23,7 +23,8 @@ CHANCE = 0.95
 _RATE_TOLERANCE = 1.02  # share of a joint's limit of velocity up to which it counts as kept
 _RATE_TOLERANCE_IN_FAULT = 1.2  # the same, while a fault is new
 _NEW_FAULT = 0.5  # [s] that a fault is new, and its end
-_AT_STOP = 1e-6  # [rad or m] beyond a limit of position, from which on a stop pushes back
+_AT_STOP = 1e-9  # [rad or m] beyond a limit of position, from which on a stop pushes back
+_TOUCH = 0.1  # [s] for which a joint that only touches its stop is beyond its limit
 
 
 @checked
@@ -291,14 +292,19 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
 
 
 def pressed_stops(record: Record) -> list[dict[str, Any]]:
-    """Return one row per joint that lay against a stop: its true position was beyond a limit.
+    """Return one row per joint that lay against a stop: its true position was beyond a limit for
+    longer than a touch. The kinematic plant has no stops.
 
     joint, t [s] when it first did, duration [s] of all times together, and the largest excess
     [unit], which is rad or m. Where not every tick has a row, the duration is of whole rows.
     """
     meta = record.run_meta
     limits = record.meta.limits
-    if limits is None or len(meta.joints) != len(limits.position_lower):
+    if (
+        limits is None
+        or meta.plant == "kinematic"
+        or len(meta.joints) != len(limits.position_lower)
+    ):
         return []
     names = extremes_of(record, "q")
     lowest = joint_positions(record.series, meta, names[0])
@@ -312,13 +318,15 @@ def pressed_stops(record: Record) -> list[dict[str, Any]]:
     lengths = np.diff(t, append=t[-1] + meta.dt)
     slides = sliding_joints(meta)
     table = []
-    for joint in np.flatnonzero((excess > _AT_STOP).any(axis=0)).tolist():
-        at_stop = excess[:, joint] > _AT_STOP
+    is_beyond = excess > _AT_STOP
+    durations = lengths @ is_beyond
+    for joint in np.flatnonzero(durations > _TOUCH).tolist():
+        at_stop = is_beyond[:, joint]
         table.append(
             {
                 "joint": meta.joints[joint],
                 "t": float(t[at_stop][0]),
-                "duration": float(lengths[at_stop].sum()),
+                "duration": float(durations[joint]),
                 "excess": float(excess[at_stop, joint].max()),
                 "unit": "m" if slides[joint] else "rad",
             }

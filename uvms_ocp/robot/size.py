@@ -19,7 +19,9 @@ def weight(model: pin.Model) -> float:
 
 
 def size(model: pin.Model) -> float:
-    """Return the side [m] of a cube of water that is as heavy as all moving bodies: 0.25 m of 15 kg."""
+    """Return the side [m] of a cube of water that is as heavy as all moving bodies: 0.25 m of 15 kg.
+    What a fixed base is made of does not count.
+    """
     return float(np.cbrt(_mass(model) / _WATER_DENSITY))
 
 

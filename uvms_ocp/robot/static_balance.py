@@ -21,9 +21,10 @@ from uvms_ocp.types import Range
 
 _FOAM = 200.0  # [kg/m3] syntactic foam
 _LEAD = 11340.0  # [kg/m3]
-_HEIGHT = (
-    0.4  # sizes of the robot by which floats are above, ballast below the origin, for stability
-)
+TRIM_TOLERANCE = 2e-3
+"""Share of its weight that the lift of a trimmed vehicle may differ from it."""
+# [size of the robot] by which floats are above, ballast below the origin, for stability
+_HEIGHT = 0.4
 
 _Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot files
 

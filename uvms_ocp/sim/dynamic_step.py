@@ -56,9 +56,7 @@ TABLES = ("decay", "u", "Du_Dt", "floor_normal")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JointStops:
-    """Spring and damper behind every joint limit, and the brakes, all as strong as their joint
-    (assumed).
-    """
+    """Spring and damper behind every joint limit, and the brakes, all of `joint_strength` (assumed)."""
 
     deflection: float = 1e-3
     """[rad, or share of the robot's size] Deflection of a stop under `joint_strength`."""

@@ -34,8 +34,8 @@ _CONVERGED = 1e-9
 
 CHECK = "reachability"
 _N_TIMES = 5  # samples of a goal that moves
-_STEP = 0.1  # sizes of the robot between suggested way points
-_FARTHEST = 4.0  # sizes of the robot from the way point given
+_STEP = 0.2  # sizes of the robot between suggested way points
+_FARTHEST = 8.0  # sizes of the robot from the way point given
 # starts from solved neighbours, and random ones beside them
 _N_NEAR = 3
 _N_FEW = 4

@@ -33,7 +33,6 @@ from uvms_ocp.robot.unknowns import joints_without_inertia, unknowns
 from uvms_ocp.robot.up_axis import TURN, signs_of_z_down
 from uvms_ocp.scenario.preflight.mesh_sizes import mesh_axis_doubts, mesh_size_doubts, open_meshes
 
-_TRIM_FORCE = 3e-3  # share of the weight that is left of a trimmed robot with its arm stowed
 _TRIM_MOMENT = 0.01  # the same of the moment, with the robot's size as the lever
 LARGEST_TILT = np.deg2rad(15.0)
 """Tilt [rad] beyond which a vehicle is no longer called level."""
@@ -307,7 +306,7 @@ def _trim(robot: Robot) -> RobotFinding:
         f"{force:+.3g} N upwards and {moment_norm:.3g} N m with the arm stowed in water of"
         f" {robot.description.water_density:g} kg/m3"
     )
-    is_balanced = abs(force) < _TRIM_FORCE * weight(robot.model)
+    is_balanced = abs(force) < static_balance.TRIM_TOLERANCE * weight(robot.model)
     is_level = moment_norm < _TRIM_MOMENT * weight(robot.model) * size(robot.model)
     if is_balanced and is_level:
         return _good("trim", text)
@@ -398,7 +397,7 @@ def trim_bodies(
     lift = -force
     lever = np.array([moment[1], -moment[0]])  # [N m] lift times place
     low, high = _hull(robot)
-    if abs(lift) >= _TRIM_FORCE * weight(robot.model):
+    if abs(lift) >= static_balance.TRIM_TOLERANCE * weight(robot.model):
         place = lever / lift
         if ((low <= place) & (place <= high)).all():
             return [_trim_body(robot, "", place, lift)]

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from uvms_ocp.mission import Phase
 from uvms_ocp.robot.size import weight
-from uvms_ocp.robot.static_balance import static_residual
+from uvms_ocp.robot.static_balance import TRIM_TOLERANCE, static_residual
 from uvms_ocp.robot.thrusters import (
     AXES,
     driven_turns,
@@ -32,7 +32,6 @@ _HEAVE = 2
 _LINEAR = 3  # how many of them are lengths
 _YAW = 5
 
-_TRIM_FORCE = 2e-3  # share of the weight that a vehicle may be out of trim
 _LARGEST_COUPLING = 0.4  # [rad] of another rotation that a rad of a free one takes along
 _WHERE = ("ahead of or behind", "beside", "above or below")
 
@@ -45,7 +44,7 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     if not (setup.with_forces and setup.robot.description.thrusters and unmoved):
         return
     lift, _ = static_residual(setup.robot, setup.start)
-    if _HEAVE in unmoved and abs(lift) > _TRIM_FORCE * weight(setup.robot.model):
+    if _HEAVE in unmoved and abs(lift) > TRIM_TOLERANCE * weight(setup.robot.model):
         trim = "light" if lift > 0 else "heavy"
         text = (
             f"the vehicle is {abs(lift):.2g} N too {trim}, and no thruster holds its depth: trim it"

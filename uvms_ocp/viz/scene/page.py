@@ -121,13 +121,9 @@ class ScenePage:
         from uvms_ocp.viz.scene import pictures
 
         path = Path(path)
-        kinds = (".html", *pictures.PICTURE_FORMATS, *pictures.FILM_FORMATS)
-        if path.suffix not in kinds:
-            raise InvalidInput(f"{path.name} has no suffix of {', '.join(kinds)}")
+        require_saved_suffix(path)
         if path.suffix == ".html":
             return self.write(path)
-        with as_output_errors(path, "choose another place"):
-            path.parent.mkdir(parents=True, exist_ok=True)
         camera = pictures.Camera(width=width, height=height, view=view)
         if path.suffix in pictures.PICTURE_FORMATS:
             pictures.write_picture(self, path, t=t, camera=camera)
@@ -157,6 +153,15 @@ class ScenePage:
             f' style="{style}" {page}>'
         )
         return f"{script}{opening}{self.still}{_WITHOUT_SCRIPTS}</iframe>"
+
+
+def require_saved_suffix(path: Path) -> None:
+    """Raise `InvalidInput` for a file that `ScenePage.save` cannot write, by its suffix."""
+    from uvms_ocp.viz.scene import pictures
+
+    suffixes = (".html", *pictures.PICTURE_FORMATS, *pictures.FILM_FORMATS)
+    if path.suffix not in suffixes:
+        raise InvalidInput(f"{path.name} has no suffix of {', '.join(suffixes)}")
 
 
 def _viewer_in_notebook() -> bool:

@@ -9,13 +9,14 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from subprocess import PIPE, Popen
-from tempfile import TemporaryDirectory
-from typing import IO, TYPE_CHECKING, Any, TypeVar
+from tempfile import TemporaryDirectory, TemporaryFile
+from threading import Event
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import numpy as np
 
@@ -41,6 +42,7 @@ _DRAWN_BY_THE_PROCESSOR = (
 )
 _MOST_FRAMES = 100_000
 """Largest number of pictures of a film."""
+_ROUNDING = 1e-9  # of the number of frames
 _JPEG_QUALITY = 92
 _EVEN_SIZE = "scale=trunc(iw/2)*2:trunc(ih/2)*2"
 _OWN_COLOURS = "split[a][b];[a]palettegen[p];[b][p]paletteuse"
@@ -69,9 +71,22 @@ def missing() -> str:
 
 def missing_for_films() -> str:
     """Return what to install before films can be made; empty where nothing is missing."""
+    advice = missing()
+    if advice:
+        return advice
     if find_spec("imageio_ffmpeg") is None:
         return f"imageio-ffmpeg is not installed; {_ADVICE}"
-    return missing()
+    try:
+        _ffmpeg()
+    except RuntimeError:
+        return "imageio-ffmpeg has no ffmpeg for this machine; install ffmpeg"
+    return ""
+
+
+def _ffmpeg() -> str:
+    from imageio_ffmpeg import get_ffmpeg_exe
+
+    return str(get_ffmpeg_exe())
 
 
 def _chromium() -> str | None:
@@ -117,12 +132,12 @@ def write_picture(page: ScenePage, path: Path, *, t: float, camera: Camera) -> N
     """
     image_format = "png" if path.suffix == ".png" else "jpeg"
 
-    def draw() -> bytes:
+    def draw(stopped: Event) -> bytes:
         with _sheet(page, camera) as sheet:
             return sheet.picture(t, image_format)
 
     image = _beside_event_loops(draw)
-    with whole_file(path) as file:
+    with _new_file(path) as file:
         file.write(image)
 
 
@@ -135,11 +150,11 @@ def write_film(page: ScenePage, path: Path, *, fps: float, camera: Camera) -> No
     advice = missing_for_films()
     if advice:
         raise InvalidInput(advice)
-    with as_output_errors(path), TemporaryDirectory(dir=path.parent) as folder:
+    with TemporaryDirectory() as folder:
         # ffmpeg tells formats by their suffix, and goes to and fro in some.
         film = Path(folder) / f"film{path.suffix}"
 
-        def draw() -> None:
+        def draw(stopped: Event) -> None:
             with _sheet(page, camera) as sheet:
                 times = _frame_times(sheet.duration, fps)
                 if len(times) < 2:
@@ -147,10 +162,21 @@ def write_film(page: ScenePage, path: Path, *, fps: float, camera: Camera) -> No
                 with _encoder(film, fps) as encoder:
                     for t in _with_bar(times):
                         encoder.write(sheet.picture(t, "jpeg"))
+                        if stopped.is_set():
+                            break
 
         _beside_event_loops(draw)
-        with whole_file(path) as file, film.open("rb") as encoded:
+        with _new_file(path) as file, film.open("rb") as encoded:
             shutil.copyfileobj(encoded, file)
+
+
+@contextmanager
+def _new_file(path: Path) -> Iterator[BinaryIO]:
+    """Yield an empty file that takes the place of `path`, whose folder is made."""
+    with as_output_errors(path, "choose another place"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as file:
+        yield file
 
 
 def _frame_times(duration: float, fps: float) -> Array:
@@ -159,7 +185,8 @@ def _frame_times(duration: float, fps: float) -> Array:
         raise InvalidInput(
             f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures"
         )
-    return np.arange(int(duration * fps) + 1) / fps
+    n_steps = int(duration * fps + _ROUNDING)
+    return np.arange(n_steps + 1) / fps
 
 
 def _with_bar(times: Array) -> Iterator[float]:
@@ -206,30 +233,38 @@ def _sheet(page: ScenePage, camera: Camera) -> Iterator[_Sheet]:
 @contextmanager
 def _encoder(path: Path, fps: float) -> Iterator[IO[bytes]]:
     """Yield what takes JPEG pictures, one after the other, and makes a film of them."""
-    from imageio_ffmpeg import get_ffmpeg_exe
-
-    command = [get_ffmpeg_exe(), "-loglevel", "error", "-y", "-f", "image2pipe"]
+    command = [_ffmpeg(), "-loglevel", "error", "-y", "-f", "image2pipe"]
     command += ["-framerate", f"{fps:g}", "-c:v", "mjpeg", "-i", "-"]
     command += [*FILM_FORMATS[path.suffix], str(path)]
-    with Popen(command, stdin=PIPE, stderr=PIPE) as process:
-        assert process.stdin is not None
-        assert process.stderr is not None
-        try:
-            yield process.stdin
-            process.stdin.close()
-        except BrokenPipeError:  # ffmpeg has ended, and has said why
-            pass
-        except BaseException:
-            process.kill()
-            raise
-        said = process.stderr.read().decode(errors="replace")
+    with TemporaryFile() as messages:
+        with Popen(command, stdin=PIPE, stderr=messages) as process:
+            assert process.stdin is not None
+            try:
+                try:
+                    yield process.stdin
+                finally:
+                    with suppress(BrokenPipeError):
+                        process.stdin.close()
+            except BrokenPipeError:  # ffmpeg has ended, and has said why
+                pass
+            except BaseException:
+                process.kill()
+                raise
+        messages.seek(0)
+        said = messages.read().decode(errors="replace")
     if process.returncode != 0:
         raise OutputError(f"ffmpeg cannot write {path.suffix}: {plain_line(said, 200)}")
 
 
-def _beside_event_loops(draw: Callable[[], Result]) -> Result:
+def _beside_event_loops(draw: Callable[[Event], Result]) -> Result:
     """Call it in a thread of its own: playwright refuses one with an event loop, such as that of a
-    notebook's cells.
+    notebook's cells. The event is set by Ctrl-C.
     """
+    stopped = Event()
     with ThreadPoolExecutor(max_workers=1) as executor:
-        return executor.submit(draw).result()
+        result = executor.submit(draw, stopped)
+        try:
+            return result.result()
+        except KeyboardInterrupt:
+            stopped.set()
+            raise
