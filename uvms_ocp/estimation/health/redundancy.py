@@ -213,11 +213,11 @@ class RateAgainstAttitude(Layout):
     step_t: float
     """[s] when that was."""
     disagreed_t: float
-    """[s] when they turned apart over a short time for the last time."""
+    """[s] when they turned apart over a short time for the last time; -inf once they agree."""
     culprit: int
     """`TurnCulprit` of these, since they began to."""
     refused_t: float
-    """[s] of the first of the attitudes that are refused since."""
+    """[s] of the first of the attitudes that are refused since; inf while the gyro is silent."""
     refused: Annotated[Vector, Sized(4)]
     """(4,) its difference from the integrated rate."""
     refused_offset: Annotated[Vector, Sized(3)]
@@ -473,13 +473,14 @@ def update_rate(comparison: RateAgainstAttitude, omega: Vector, t: float) -> Non
         squared += change * change
         comparison.rate[i] = omega[i]
     comparison.t = t
-    if math.sqrt(squared) > comparison.step or t - comparison.step_t > _GAP:
-        comparison.step = math.sqrt(squared)
-        comparison.step_t = t
     if 0.0 <= dt <= _GAP:
+        if math.sqrt(squared) > comparison.step or t - comparison.step_t > _GAP:
+            comparison.step = math.sqrt(squared)
+            comparison.step_t = t
         _turn_on(comparison, mean, 0.5 * dt, comparison.turn)
         normalize(comparison.turn)
     else:
+        comparison.step = 0.0  # of a silence nothing tells whether the gyro stepped in it
         comparison.offsets.count = comparison.slow_offsets.count = 0
 
 
@@ -493,13 +494,14 @@ def compare_turns(comparison: RateAgainstAttitude, quaternion: Vector, t: float)
         return
     offset = zeros(4)
     _turn_apart(comparison, quaternion, t, offset)
-    comparison.quick_rate = _turn_in(
-        comparison.offsets, offset, t, _TURN_SPAN, _SPACING, comparison.tolerance
-    )
-    comparison.slow_rate = _turn_in(
-        comparison.slow_offsets, offset, t, _LONG_SPAN, _LONG_SPACING, comparison.slow_tolerance
-    )
-    if comparison.quick_rate > 0.0:
+    quick = _turn_in(comparison.offsets, offset, t, _TURN_SPAN, _SPACING)
+    slow = _turn_in(comparison.slow_offsets, offset, t, _LONG_SPAN, _LONG_SPACING)
+    if slow > comparison.slow_tolerance:
+        comparison.slow_rate = slow
+    if 0.0 <= quick < _AGREES_AGAIN * comparison.tolerance:
+        comparison.disagreed_t = -math.inf  # what disagrees next may be the other one
+    elif quick > comparison.tolerance:
+        comparison.quick_rate = quick
         forget_turns(comparison)
         if t - comparison.disagreed_t > _GAP:
             comparison.culprit = _culprit_of_turn(comparison)
@@ -541,28 +543,24 @@ def _turn_in(
     t: float,
     shortest_span: float,
     spacing: float,
-    tolerance: float,
 ) -> float:
-    """Return the rate [rad/s] at which offsets turn over `shortest_span` [s] or longer; 0 before,
-    and where it is within the tolerance [rad/s].
+    """Return the rate [rad/s] at which offsets turn over `shortest_span` [s] or longer; -1 before,
+    and for an offset that comes within `spacing` [s] of the last.
     """
     if samples.count > 0 and t - time_at(samples, samples.count - 1) < spacing:
-        return 0.0
+        return -1.0
     append_value(samples, t, offset, 4)
     while span_of(samples) > shortest_span + spacing:
         drop_oldest(samples)
     span = span_of(samples)
     if span < shortest_span - 1e-6:
-        return 0.0
-    rate = (
+        return -1.0
+    return (
         angle_between(
             samples.value[samples.first], samples.value[ring_slot(samples, samples.count - 1)]
         )
         / span
     )
-    if rate > tolerance:
-        return rate
-    return 0.0
 
 
 def _turn_apart(comparison: RateAgainstAttitude, quaternion: Vector, t: float, out: Vector) -> None:
@@ -585,7 +583,7 @@ def is_estimate_turning(
     apart = zeros(4)
     _turn_apart(comparison, quaternion, t, apart)
     is_known = abs(t - comparison.t) <= _BLIND
-    if is_first or not is_known:
+    if is_first or not is_known or not math.isfinite(comparison.refused_t):
         comparison.refused_t = t if is_known else math.inf
         comparison.refused[:4] = apart[:4]
         comparison.refused_offset[:3] = offset[:3]
