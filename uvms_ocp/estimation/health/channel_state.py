@@ -33,6 +33,7 @@ LEAST_TO_SUSPECT = 0.05
 _LEAST_TO_LOSE = 0.25  # [s] of silence of a quick sensor
 _BLAMED_FOR = 3.0  # [s] for which what was found to be wrong by height explains what others say
 _UNDONE = 0.5  # share of a jump that may be left of it once the channel has gone back
+_REMEMBERED = 60.0  # [s] after a jump in which the channel may go back by it
 _AGREES = 0.3  # share of what is allowed by which fixes and depths agree
 _PERIODS_TO_SUSPECT = 2.5  # of silence: 0.5 s of a 5 Hz DVL, before a watchdog of 0.6 s holds
 _PERIODS_TO_LOSE = 8.0  # of silence, or of nothing but refused readings
@@ -128,6 +129,8 @@ class ChannelMemory(Layout):
     """(n_width,) [unit of the channel] `offset` by which it came back elsewhere; 0 where it never did,
     or has gone back since.
     """
+    jumped_at: float
+    """[s] stamp of the reading with which it did."""
     explained: float
     """[unit of the channel] part of that distance that noise and unforeseen motion explain."""
     refused_off: float
@@ -340,11 +343,14 @@ def _is_height_open(health: HealthMemory, number: int) -> bool:
 
 def _mark_used(channel: ChannelMemory, t: float) -> None:
     if channel.used > -math.inf:
-        if channel.refused_at > channel.used_at and channel.off > channel.gate.noise:
+        is_off = channel.off > channel.gate.noise
+        if is_off and channel.refused_at > channel.used_at:
             _confirm_jump(channel)
             channel.shift = max(channel.shift, min(channel.jump, 2.0 * channel.off))
             channel.unexplained = max(channel.unexplained, channel.shift)
             _keep_jump(channel)
+        elif is_off and undoes_jump(channel):
+            _forget_jump(channel)
         channel.refused_off = channel.jump = 0.0
         channel.taken = channel.used
         channel.used_at = t
@@ -367,19 +373,24 @@ def _confirm_jump(channel: ChannelMemory) -> None:
 
 def _keep_jump(channel: ChannelMemory) -> None:
     """Remember where the channel came back, until it goes back."""
-    is_over = undoes_jump(channel)
-    is_jump = min(channel.jump, channel.off) > channel.gate.noise
+    if undoes_jump(channel):
+        _forget_jump(channel)
+    elif min(channel.jump, channel.off) > channel.gate.noise:
+        channel.jumped[: channel.size] = channel.offset[: channel.size]
+        channel.jumped_at = channel.stamp
+
+
+def _forget_jump(channel: ChannelMemory) -> None:
     for i in range(channel.size):
-        if is_over:
-            channel.jumped[i] = 0.0
-        elif is_jump:
-            channel.jumped[i] = channel.offset[i]
+        channel.jumped[i] = 0.0
 
 
 def undoes_jump(channel: ChannelMemory) -> bool:
-    """Return whether the newest reading goes back by what the channel jumped by before: then it was
-    wrong in between, and so is the estimate.
+    """Return whether the newest reading goes back by what the channel jumped by not long before: then
+    it was wrong in between, and so is the estimate.
     """
+    if not channel.stamp - channel.jumped_at <= _REMEMBERED:
+        return False
     jump = 0.0
     remaining = 0.0
     for i in range(channel.size):
