@@ -351,7 +351,7 @@ class EstimatorTuning:
     innovations of the DVL are smaller.
     """
     angular_jerk: Positive = 0.5
-    """[rad/s3/sqrt(Hz)] angular jerk of the vehicle."""
+    """[rad/s3/sqrt(Hz)] density of the angular jerk of the vehicle, a white noise."""
     gyro_bias: Positive = 1e-3
     """[rad/s] bias of the gyro that is expected at first, beside the one that the sensor is said to
     have.
@@ -365,7 +365,7 @@ class EstimatorTuning:
     said to have.
     """
     joint_acceleration: Positive = 0.04
-    """[rad/s2/sqrt(Hz)] acceleration of the joints."""
+    """[rad/s2/sqrt(Hz)] density of the acceleration of the joints, a white noise."""
     floor_roughness: Positive = 0.3
     """Slope of the floor, which makes its height below the vehicle change with the way."""
 

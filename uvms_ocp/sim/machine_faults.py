@@ -53,9 +53,10 @@ def thruster_condition(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterC
             continue
         k = fault.location.number - 1
         if fault.kind == "stuck":
-            offset[k] = thrust[k]
-        if fault.kind == "stuck" and fault.values:
-            offset[k] = fault.values[0]
+            if fault.values:
+                offset[k] = fault.values[0]
+            else:
+                offset[k] = thrust[k]
         if fault.kind == "dead":
             dead[k] = True
         if fault.kind == "weak":

@@ -136,8 +136,8 @@ def detect_faults(detection: FaultDetection, t: float) -> bool:
 
 
 def _go_on(detection: FaultDetection) -> None:
-    """Add up the ways of the joints since the last sample, commanded and measured, with the
-    resistance that they met.
+    """Add what the joints have gone since the last sample to `gone`; `asked_way` and `resistance`
+    become those of this sample.
     """
     if detection.started:
         detection.joint_way(detection.before, detection.q, detection.step)

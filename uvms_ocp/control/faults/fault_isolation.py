@@ -41,10 +41,9 @@ class IsolationWindow(Layout):
     length: int
     """Looks in which a culprit is sought."""
     least_explained: float
-    """Share of the changes that the fault of a thruster must explain, and how many times as much
-    the next best must leave unexplained.
-    """
+    """Share of the changes that the fault of a thruster must explain."""
     least_lead: float
+    """How many times as much as this one the next best must leave unexplained."""
     seen: Annotated[list[Vector], Sized("n_looks", 6)]
     """(n_looks, 6) residual, in units of `scale`."""
     asked: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]

@@ -16,8 +16,6 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.robot.signals import SAME_TIME
 
 _TICKS_TO_ACT = 2.0  # until brakes act on what is seen
-# [s] in which a quick loop catches an arm whose posture is sound, under an unknown load
-_CAUGHT = 1.0
 _SLOW_TICK = 0.02  # [s] of control from which on a loop catches no arm that is thrown
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
 _CARRIED_OFF = 0.5  # share of the limit by which a vehicle is off the velocity that is asked of it

@@ -9,12 +9,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.control.velocity.jerk_limit import (
-    common_share,
-    falling_share,
-    pace,
-    smooth_share,
-)
+from uvms_ocp.control.velocity import jerk_limit
 from uvms_ocp.solvers.hierarchy.level import widen_bounds
 from uvms_ocp.tasks.activation import ENDLESS, row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
@@ -40,21 +35,21 @@ def reachable_rows(
         return rows
     dt = symbols.dt
     limits = symbols.robot.limits
-    eased_pace = pace(symbols.robot)
+    pace = jerk_limit.pace(symbols.robot)
     present = rows.jacobian @ previous
     acceleration = row_acceleration(rows.jacobian, limits.acceleration)
     if equality:
         desired = rows.rate - present
-        lower = upper = present + common_share(desired, acceleration, dt, eased_pace) * desired
+        lower = upper = present + jerk_limit.common_share(desired, acceleration, dt, pace) * desired
     else:
         if _is_endless(rows.lower):
             lower = rows.lower
         else:
-            lower = present - _way(present - rows.lower, acceleration, dt, eased, eased_pace)
+            lower = present - _way(present - rows.lower, acceleration, dt, eased, pace)
         if _is_endless(rows.upper):
             upper = rows.upper
         else:
-            upper = present + _way(rows.upper - present, acceleration, dt, eased, eased_pace)
+            upper = present + _way(rows.upper - present, acceleration, dt, eased, pace)
         if not (_is_endless(rows.lower) or _is_endless(rows.upper)):
             # The way back from one bound may be longer than what is left, eased, of the way to the
             # other one.
@@ -73,19 +68,18 @@ def _is_endless(bound: ca.SX) -> bool:
     return bool(bound.is_constant() and np.isinf(np.array(ca.DM(bound))).all())
 
 
-def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool, eased_pace: float) -> ca.SX:
+def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool, pace: float) -> ca.SX:
     """Compute the changes (m,) that rates may make in this tick towards bounds that leave them this
-    room (m,); negative: rates have to come back. eased_pace: `pace` of
-    the robot.
+    room (m,); negative: rates have to come back. pace: that of the robot.
     """
     bounded_room = ca.fmin(room, ENDLESS)
     ahead = ca.if_else(
         room < ENDLESS,
-        bounded_room * falling_share(bounded_room, acceleration, dt, eased_pace),
+        bounded_room * jerk_limit.falling_share(bounded_room, acceleration, dt, pace),
         ca.inf,
     )
     if eased:
-        back = bounded_room * smooth_share(bounded_room, acceleration, dt, eased_pace)
+        back = bounded_room * jerk_limit.smooth_share(bounded_room, acceleration, dt, pace)
     else:
         back = ca.fmax(bounded_room, -acceleration * dt)
     return ca.if_else(room > 0, ahead, back)
