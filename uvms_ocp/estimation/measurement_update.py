@@ -587,20 +587,19 @@ def _inflate_surprised(filter: FilterMemory, channel: int, squared: float) -> No
         bias = int(Part.DVL_BIAS)
     if channel == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
-    _inflate_own(
-        filter,
-        channel,
-        squared,
-        1.0 / time if _is_place(channel) and _is_velocity_unseen(filter, channel) else 0.0,
-    )
+    growth = 0.0
+    if _is_place(channel) and _is_velocity_unseen(filter, channel):
+        growth = 1.0 / time
+    _inflate_own(filter, channel, squared, growth)
     unseen = _unseen_turning_time(filter, channel)
     if channel == ChannelIndex.ATTITUDE and unseen > 0.0:
         # A late gyro has not told of this turn yet: that is no bias of it.
         for i in range(int(Part.SPIN), int(Part.SPIN) + 3):
             filter.P[i][i] += squared / (unseen * unseen)
     elif _is_place(channel) and filter.stamp[channel] - filter.shaken <= _SHAKEN:
-        for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
-            filter.P[i + 3][i + 3] += squared / (time * time)
+        if growth == 0.0:  # otherwise the velocity is in what the channel alone puts right
+            for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
+                filter.P[i + 3][i + 3] += squared / (time * time)
     elif channel <= ChannelIndex.DEPTH:
         for i in range(bias, bias + 3):
             filter.P[i][i] += squared / (time * time)
