@@ -59,7 +59,7 @@ class TurnComparison:
 def test_an_attitude_that_is_refused_while_the_gyro_is_silent_is_not_believed_when_it_is_back(
     silent_from: float,
 ) -> None:
-    """It was, at once, by whatever it was off."""
+    """One was passed on to the filter at once, by whatever it was off."""
     turns = TurnComparison()
     refused = 0
     for k in range(800):
