@@ -31,6 +31,8 @@ from uvms_ocp.robot.urdf_words import PLACES
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_WATER_DENSITY = 1000.0  # [kg/m3]
+_ROUNDING = 1e-9  # share of a principal moment, or of that of a cube of water as heavy
 _SHOWN_NAMES = 10  # names in a message
 # a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
 _MAX_LINKS = 1000
@@ -253,7 +255,9 @@ def _check_inertial(path: Path, link: Element) -> float:
 def _check_inertia(path: Path, element: Element | None, where: str, mass: float) -> None:
     xx, xy, xz, yy, yz, zz = (read_number(path, element, key, f"{where} {key}") for key in _INERTIA)
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if mass > 0.0 and moments[0] < -1e-9 * moments[2]:
+    # Some files have moments of nearly 0, whose signs are those of rounding.
+    of_cube = mass * np.cbrt(mass / _WATER_DENSITY) ** 2
+    if mass > 0.0 and moments[0] < -_ROUNDING * max(moments[2], of_cube):
         raise RobotDataError(
             path, f"{where}: principal moment {moments[0]:.4g} kg m2; allowed: >= 0; mend <inertia>"
         )
