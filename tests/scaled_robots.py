@@ -9,18 +9,16 @@ import math
 import xml.etree.ElementTree as ET
 from dataclasses import fields, replace
 from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import yaml
+from edited_robots import load_edited
 
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission.phase import Abort, Below
 from uvms_ocp.record.meta_values import ABORT, DONE
-from uvms_ocp.robot import load_robot
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import robot_folder
 from uvms_ocp.robot.robot import Robot
@@ -164,12 +162,7 @@ def scaled_robot(name: str, length: float) -> Robot:
     text = (folder / "hydrodynamics.yaml").read_text(encoding="utf-8")
     data = json.loads(json.dumps(yaml.safe_load(text)))  # entries that are one are apart now
     _scale_hydrodynamics(data, length)
-    with TemporaryDirectory() as place:
-        urdf = Path(place) / "robot.urdf"
-        tree.write(urdf)
-        hydrodynamics = Path(place) / "hydrodynamics.yaml"
-        hydrodynamics.write_text(yaml.safe_dump(data), encoding="utf-8")
-        return load_robot(urdf=urdf, hydrodynamics=hydrodynamics)
+    return load_edited(tree, data)
 
 
 def scaled_reach(

@@ -7,8 +7,6 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ import pinocchio as pin
 import pytest
 import yaml
 from compiler import long_without_compiler
+from edited_robots import load_edited
 
 from uvms_ocp.mission.phase import Below
 from uvms_ocp.record.meta_values import DONE
@@ -111,12 +110,7 @@ def turned(name: str, quarters: int) -> Robot:
             _turn_origin(joint, quarters)
     data = yaml.safe_load((folder / "hydrodynamics.yaml").read_text(encoding="utf-8"))
     _turn_hydrodynamics(data, quarters)
-    with TemporaryDirectory() as place:
-        urdf = Path(place) / "robot.urdf"
-        tree.write(urdf)
-        hydrodynamics = Path(place) / "hydrodynamics.yaml"
-        hydrodynamics.write_text(yaml.safe_dump(data), encoding="utf-8")
-        return load_robot(urdf=urdf, hydrodynamics=hydrodynamics)
+    return load_edited(tree, data)
 
 
 def configuration(q: np.ndarray, quarters: int) -> np.ndarray:

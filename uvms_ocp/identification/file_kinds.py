@@ -29,7 +29,7 @@ _KINDS: dict[bytes, tuple[Any, str]] = {
     row[0].encode().decode("unicode_escape").encode("latin-1"): (row[1], row[2])
     for row in csv.reader(_TABLE[1:])
 }
-"""By the first bytes of a file: its kind, or for one that is not read its description and advice.
+"""Kinds of files by their first bytes, or for one that is not read its description and advice.
 """
 _JSON = re.compile(rb"(\xef\xbb\xbf)?\s*(\{|\[\s*[{\[])")
 _MAVLINK_STARTS = (0xFD, 0xFE)

@@ -48,7 +48,7 @@ PARTNER = {
     "angular_velocity": "attitude",
     "specific_force": "attitude",
 }
-"""By channel: the channel whose rate, or tilt, it must agree with."""
+"""Channels whose rate, or tilt, a channel must agree with, by the name of that channel."""
 _READINGS = recordings.CHANNEL_TABLE["readings"]
 """Ways to read an attitude: names with the order and the signs of its numbers."""
 _JUMP = (

@@ -60,7 +60,7 @@ class IsolationWindow(Layout):
     explained: float
     """Share of the changes that it explains."""
     lead: float
-    """What the next best explanation leaves unexplained, over what this one leaves."""
+    """Ratio of what the next best explanation leaves unexplained to what this one leaves."""
 
 
 def append_sample(window: IsolationWindow, residual: Vector, t: float) -> int:
