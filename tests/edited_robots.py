@@ -13,7 +13,7 @@ from uvms_ocp.robot import load_robot
 from uvms_ocp.robot.robot import Robot
 
 
-def load_edited(tree: ET.ElementTree, data: dict[str, Any]) -> Robot:
+def load_edited(tree: ET.ElementTree[ET.Element], data: dict[str, Any]) -> Robot:
     """Load the robot of a URDF and of the values of its hydrodynamics.yaml."""
     with TemporaryDirectory() as place:
         urdf = Path(place) / "robot.urdf"
