@@ -21,7 +21,7 @@ from recording.rows import column, rows_where
 from recording.timing import once
 
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 WEIGHTS = (1.0, 3.0, 1e1, 3e1, 1e2, 3e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)
 OPTIONS = NlpOptions(max_iterations=300)

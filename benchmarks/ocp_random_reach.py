@@ -25,7 +25,7 @@ from uvms_ocp.ocp.terms import TaskTerm
 from uvms_ocp.ocp.trajectory import COARSE_STEPS
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.pose import ToolPose
 
 DRAWN = 200

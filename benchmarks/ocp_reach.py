@@ -23,7 +23,7 @@ from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.scenario.plan_replay import TrackingError, tracking_error
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 REPEATS = 3
 STEPS = (20, 40, 80)

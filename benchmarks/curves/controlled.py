@@ -19,7 +19,7 @@ from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.trajectories.segment_times import MotionLimits

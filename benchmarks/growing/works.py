@@ -29,7 +29,7 @@ from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.level import Level
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks import JointLimits, JointTracking, ToolPosition
 
 Spent = dict[str, float]

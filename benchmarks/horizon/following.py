@@ -30,7 +30,7 @@ from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.solvers.nlp.level_solver import SqpOptions
+from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.goals import PoseReference
 from uvms_ocp.tasks.hierarchy import Hierarchy

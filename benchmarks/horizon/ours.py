@@ -24,7 +24,7 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory, hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 CONVERGENCE = (1e-6, 1e-8)
 GAUSS_NEWTON = "Gauss-Newton"

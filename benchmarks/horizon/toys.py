@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.solvers.nlp.program import NlpLevel, lexicographic_program
 
 TIGHT = NlpOptions(tolerance=1e-9, convergence=1e-10)

@@ -7,7 +7,7 @@ from horizon.peer_problems import limited_problem
 
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.trajectory import hold_guess
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 
 @pytest.mark.parametrize("convergence", [1e-6, 1e-8])

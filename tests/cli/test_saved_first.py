@@ -17,9 +17,10 @@ from typer.testing import CliRunner
 
 from uvms_ocp.campaign.mission_job import MissionJob
 from uvms_ocp.campaign.sampling_design import Design
-from uvms_ocp.cli import NOT_COMPLETED, drawing, plan, plan_output, run
+from uvms_ocp.cli import drawing, plan, plan_output, run
 from uvms_ocp.cli.commands import app
 from uvms_ocp.cli.drawing import Job
+from uvms_ocp.cli.exit_codes import NOT_COMPLETED
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.planning.request import PlanRequest, PostureGoal

@@ -42,7 +42,7 @@ from uvms_ocp.control.faults.monitor import (
     write_thruster_watch,
 )
 from uvms_ocp.control.faults.residual_filter import FilteredCommands, residual_filter_for
-from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, detect_thruster_faults
+from uvms_ocp.control.faults.thruster_faults import ThrusterFaultMemory, detect_thruster_faults
 from uvms_ocp.control.faults.verdicts import (
     ActuatorHealthTuning,
     FaultKind,

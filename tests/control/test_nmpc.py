@@ -25,7 +25,7 @@ from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
-from uvms_ocp.solvers.nlp.level_solver import SqpOptions
+from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.tasks.goals import PoseGoal, PoseReference, evaluate_pose
 from uvms_ocp.tasks.pose import ToolPose
 

@@ -19,7 +19,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import SqpOptions
+from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution

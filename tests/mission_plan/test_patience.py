@@ -13,7 +13,7 @@ from uvms_ocp.mission_plan import plan_mission, planner
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.request import OcpRequest
 from uvms_ocp.scenario.cases import case1
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 DAY = 86_400.0  # [s]
 

@@ -27,7 +27,7 @@ from uvms_ocp.report.phase_resources import resources
 from uvms_ocp.scenario.cases import case1, reach, transit, two_targets
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import OnsetCurrent
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ from reaches import patient, reach
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.solvers.nlp.level_solver import PLUGINS
+from uvms_ocp.solvers.nlp.options import PLUGINS
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import PLUGINS, NlpOptions
+from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.task import Task
 

@@ -15,7 +15,7 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
 from uvms_ocp.ocp.trajectory import COARSE_STEPS, coarse_guesses, coarse_problem, hold_guess
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.solvers.nlp.solve_monitor import IterationReport
 
 SHIFTS = [

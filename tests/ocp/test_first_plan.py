@@ -25,7 +25,8 @@ from uvms_ocp.ocp.stagewise import sqp
 from uvms_ocp.ocp.transcription import term_rows
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
-from uvms_ocp.solvers.nlp.level_solver import LevelSolver, NlpOptions, NlpOutcome, NlpPoint
+from uvms_ocp.solvers.nlp.level_solver import LevelSolver, NlpOutcome, NlpPoint
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.solvers.nlp.program import NlpStatus
 from uvms_ocp.solvers.nlp.solve_monitor import IterationReport
 

@@ -15,7 +15,7 @@ from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 N_STEPS = 10
 JOINT = 4

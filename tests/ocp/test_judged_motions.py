@@ -18,7 +18,7 @@ from uvms_ocp.ocp.verdict import TOLERANCES, Verdict, judge_motion
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import IPOPT, PLUGINS, NlpOptions
+from uvms_ocp.solvers.nlp.options import IPOPT, PLUGINS, NlpOptions
 
 N = 10
 TURN = 0.4  # [rad]

@@ -26,7 +26,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.plan_replay import tracking_error
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolver, StageQpStatus
 from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.tasks.vehicle_velocity import NullVelocity, UnderActuation

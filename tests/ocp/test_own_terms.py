@@ -33,7 +33,7 @@ from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.pose import ToolPosition
 from uvms_ocp.viz import plot, show
 from uvms_ocp.viz.plan_figures import PLAN_FIGURES

@@ -21,7 +21,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import PLUGINS
+from uvms_ocp.solvers.nlp.options import PLUGINS
 from uvms_ocp.tasks.pose import VehiclePose
 
 TOLERANCE = 1e-6  # of `NlpOptions`

@@ -23,7 +23,7 @@ from uvms_ocp.ocp.transcription.term_rows import term_blocks
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 pytestmark = pytest.mark.slow
 

@@ -25,7 +25,7 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.pose import ToolPose

@@ -34,7 +34,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario import pose_at
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.solvers.stage_qp.compiled import qp_library
 from uvms_ocp.tasks.pose import ToolPosition
 

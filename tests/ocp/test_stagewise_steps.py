@@ -18,7 +18,7 @@ from uvms_ocp.ocp.stagewise.sqp import StageSqp
 from uvms_ocp.ocp.terms import At, Effort, residual_term
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 
 def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> None:

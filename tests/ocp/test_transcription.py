@@ -21,7 +21,7 @@ from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.robot.limits import Limits
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thruster_matrix
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 pytestmark = pytest.mark.slow
 

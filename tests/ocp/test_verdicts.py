@@ -39,8 +39,8 @@ from uvms_ocp.ocp.verdict import Verdict, judge_motion
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.task import Residual, zero_residual
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.solvers.nlp.level_solver import SqpOptions
+from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.solvers.nlp.program import LevelRows, RowBounds
 from uvms_ocp.solvers.nlp.real_time_sqp import (
     LevelMerit,

@@ -12,8 +12,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions, solver_options
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult
+from uvms_ocp.solvers.nlp.options import NlpOptions, solver_options
 from uvms_ocp.solvers.nlp.program import NlpLevel, NlpStatus, lexicographic_program
 
 TIGHT = NlpOptions(tolerance=1e-9, convergence=1e-10)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions, SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp
+from uvms_ocp.solvers.nlp.options import NlpOptions, SqpOptions
 from uvms_ocp.solvers.nlp.program import (
     LexicographicProgram,
     NlpLevel,

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from words_given import words_given
 
-from uvms_ocp.cli import BAD_INPUT, INTERRUPTED, NOT_COMPLETED
+from uvms_ocp.cli.exit_codes import BAD_INPUT, INTERRUPTED, NOT_COMPLETED
 from uvms_ocp.errors import AdvisedStatus
 from uvms_ocp.report.end_of_run import ENDS
 

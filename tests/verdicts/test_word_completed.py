@@ -15,7 +15,7 @@ from command_line import called
 from compiler import long_without_compiler
 
 from uvms_ocp.campaign.campaign import Campaign
-from uvms_ocp.cli import NOT_COMPLETED
+from uvms_ocp.cli.exit_codes import NOT_COMPLETED
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.phase import Above, Below, Transition
 from uvms_ocp.ocp.plan import OcpStatus, Plan

@@ -19,7 +19,8 @@ from uvms_ocp.campaign.run_metrics import metric_values, metrics_among
 from uvms_ocp.campaign.sampling_design import SAMPLERS
 from uvms_ocp.campaign.success_criteria import MetricBound, parse_bounds
 from uvms_ocp.campaign.variations import available_parameters
-from uvms_ocp.cli import INTERRUPTED, options as opt, printing
+from uvms_ocp.cli import options as opt, printing
+from uvms_ocp.cli.exit_codes import INTERRUPTED
 from uvms_ocp.cli.result_folders import default_folder, label, named_folder
 from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput, plain_line

@@ -17,7 +17,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from uvms_ocp.cli import BAD_INPUT, compilation, json_output
+from uvms_ocp.cli import compilation, json_output
+from uvms_ocp.cli.exit_codes import BAD_INPUT
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.version import __version__
 

@@ -14,7 +14,7 @@ from typing import Annotated, cast
 
 import typer
 
-from uvms_ocp.cli import BAD_INPUT
+from uvms_ocp.cli.exit_codes import BAD_INPUT
 from uvms_ocp.errors import InvalidInput
 
 _LOGGER = logging.getLogger("uvms_ocp.codegen.compile")

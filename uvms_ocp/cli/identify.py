@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from uvms_ocp.cli import NOT_COMPLETED
+from uvms_ocp.cli.exit_codes import NOT_COMPLETED
 from uvms_ocp.cli.options import Json
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_line, print_paths, table_of
 from uvms_ocp.cli.result_folders import named_folder

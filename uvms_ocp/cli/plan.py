@@ -23,7 +23,7 @@ from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning.request import AXES, PlanRequest, Triple, plan_path
 from uvms_ocp.planning.soft_collision import PlanStatus
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
-from uvms_ocp.solvers.nlp.level_solver import PLUGINS, NlpOptions
+from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
 from uvms_ocp.solvers.nlp.solve_monitor import IterationReport
 
 _PERIOD = 0.02  # [s] between rows of plan.csv

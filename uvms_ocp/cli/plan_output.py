@@ -11,8 +11,8 @@ from typing import Any
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED
 from uvms_ocp.cli.drawing import SCENE, drawer, drawings_of
+from uvms_ocp.cli.exit_codes import INTERRUPTED, NOT_COMPLETED
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_paths
 from uvms_ocp.errors import plain_line
 from uvms_ocp.interrupts import Interrupted

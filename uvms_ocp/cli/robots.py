@@ -12,7 +12,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from uvms_ocp.cli import BAD_INPUT, options as opt
+from uvms_ocp.cli import options as opt
+from uvms_ocp.cli.exit_codes import BAD_INPUT
 from uvms_ocp.cli.new_mission import TEMPLATES, NewMission, loading_line, variations_text
 from uvms_ocp.cli.printing import busy, cell, console_of, print_json, print_line, print_paths
 from uvms_ocp.cli.result_folders import named_folder

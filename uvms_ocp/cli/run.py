@@ -15,8 +15,9 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, options as opt, printing
+from uvms_ocp.cli import options as opt, printing
 from uvms_ocp.cli.drawing import SCENE, drawer, drawings_of
+from uvms_ocp.cli.exit_codes import INTERRUPTED, NOT_COMPLETED
 from uvms_ocp.cli.result_folders import default_folder, label
 from uvms_ocp.errors import InvalidInput, plain_line, require_known
 from uvms_ocp.interrupts import Interrupted

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli import BAD_INPUT, options as opt
+from uvms_ocp.cli import options as opt
+from uvms_ocp.cli.exit_codes import BAD_INPUT
 from uvms_ocp.cli.identify import MappingFile, read_recordings
 from uvms_ocp.cli.printing import (
     busy,

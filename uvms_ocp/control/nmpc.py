@@ -21,7 +21,7 @@ from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.ocp import HessianKind, OcpProblem, hold_guess
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot import Command, State, StateEstimate, Water, robot_dynamics, signals
-from uvms_ocp.solvers.nlp.level_solver import SqpOptions
+from uvms_ocp.solvers.nlp.options import SqpOptions
 
 _ROUNDING = 1e-9
 """[s] rounding error in sums of control periods."""

@@ -20,7 +20,7 @@ from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, shift_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers import RealTimeSqp, SqpOptions
-from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN
+from uvms_ocp.solvers.nlp.options import SPARSE_PLUGIN
 from uvms_ocp.solvers.nlp.real_time_sqp import TimeBudget
 
 HOLD = -1

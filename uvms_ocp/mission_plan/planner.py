@@ -50,7 +50,7 @@ from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.robot import State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import Current, water_at
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.types import DAY, Mask, Positive
 
 _WATER_HORIZON = 600.0

@@ -23,7 +23,7 @@ from uvms_ocp.ocp.trajectory import (
     hold_guess,
     shift_guess,
 )
-from uvms_ocp.solvers.nlp.level_solver import STAGEWISE
+from uvms_ocp.solvers.nlp.options import STAGEWISE
 from uvms_ocp.solvers.nlp.solve_monitor import IterationReport
 
 if TYPE_CHECKING:

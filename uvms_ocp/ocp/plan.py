@@ -49,7 +49,7 @@ class Plan(TableDisplay):
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """[m/s] Velocity of the water in W that was reckoned with."""
     plugin: str = ""
-    """Name of the one of `uvms_ocp.solvers.nlp.level_solver.PLUGINS` that found the plan; empty
+    """Name of the one of `uvms_ocp.solvers.nlp.options.PLUGINS` that found the plan; empty
     where none was asked.
     """
     verdict: VerdictReport | None = None

@@ -41,7 +41,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.ocp.verdict import Verdict, judge_motion
 from uvms_ocp.progress import SILENT, progress_bar
 from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
-from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE
+from uvms_ocp.solvers.nlp.options import AUTO, IPOPT, STAGEWISE
 from uvms_ocp.solvers.nlp.solve_monitor import IterationReport, Progress
 from uvms_ocp.types import DAY, Bound, Finite, Shape
 

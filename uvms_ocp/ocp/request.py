@@ -33,7 +33,7 @@ from uvms_ocp.planning.request import (
 from uvms_ocp.planning.scene import CollisionScene, NearestPair, collision_scene
 from uvms_ocp.robot import Robot, State
 from uvms_ocp.robot.shapes.obstacles import Obstacle, seafloor
-from uvms_ocp.solvers.nlp.level_solver import AUTO, NlpOptions
+from uvms_ocp.solvers.nlp.options import AUTO, NlpOptions
 from uvms_ocp.solvers.nlp.solve_monitor import Progress
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import DAY, Array, AtLeastOne, Bound, Magnitude, Positive, Range, Shape

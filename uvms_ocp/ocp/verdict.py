@@ -26,7 +26,7 @@ from uvms_ocp.ocp.stagewise.program import stagewise_or
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.actuation import ActuationModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.level_solver import IPOPT
+from uvms_ocp.solvers.nlp.options import IPOPT
 from uvms_ocp.types import Array, Finite
 
 TOLERANCES = VerdictTolerances()

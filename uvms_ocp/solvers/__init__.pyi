@@ -8,11 +8,11 @@ from .hierarchy.solution import (
     Tick as Tick,
     TickResult as TickResult,
 )
-from .nlp.level_solver import NlpOptions as NlpOptions, SqpOptions as SqpOptions
 from .nlp.lexicographic_nlp import (
     LexicographicNlp as LexicographicNlp,
     LexicographicResult as LexicographicResult,
 )
+from .nlp.options import NlpOptions as NlpOptions, SqpOptions as SqpOptions
 from .nlp.program import (
     LexicographicProgram as LexicographicProgram,
     NlpLevel as NlpLevel,

@@ -10,7 +10,7 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector
 from uvms_ocp.control.faults.authority import AuthorityMemory, judge_authority
 from uvms_ocp.control.faults.joint_faults import JointFaultMemory, detect_joint_faults, reset_joints
-from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, detect_thruster_faults
+from uvms_ocp.control.faults.thruster_faults import ThrusterFaultMemory, detect_thruster_faults
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
 
 _TILT = 0.1

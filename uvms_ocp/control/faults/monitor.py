@@ -13,7 +13,7 @@ from uvms_ocp.control.faults import authority, residual_filter, verdicts
 from uvms_ocp.control.faults.detection import FaultDetection
 from uvms_ocp.control.faults.fault_isolation import EARLY, LATE
 from uvms_ocp.control.faults.joint_faults import JointFaultMemory
-from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory
+from uvms_ocp.control.faults.thruster_faults import ThrusterFaultMemory
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.size import joint_units
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics

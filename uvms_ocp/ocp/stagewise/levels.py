@@ -12,7 +12,8 @@ from uvms_ocp.ocp.stagewise.memory import StageMemory
 from uvms_ocp.ocp.stagewise.program_variables import StageVariables
 from uvms_ocp.ocp.stagewise.ranges import StageIndices, StageRanges
 from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageSqp
-from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpOptions, NlpOutcome, NlpPoint
+from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpOutcome, NlpPoint
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.solvers.nlp.program import NlpStatus, RowBounds
 from uvms_ocp.solvers.nlp.solve_monitor import SolveMonitor
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpOptions

@@ -16,7 +16,8 @@ from uvms_ocp.ocp.stagewise.levels import StageLevelSolver, StagewiseLevels
 from uvms_ocp.ocp.stagewise.memory import StageMemory
 from uvms_ocp.ocp.stagewise.real_time_model import StagewiseLevelModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.level_solver import STAGEWISE, Deadline, NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import Deadline
+from uvms_ocp.solvers.nlp.options import STAGEWISE, NlpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, RowBounds, RowRanges
 from uvms_ocp.solvers.nlp.solve_monitor import SolveMonitor
 from uvms_ocp.solvers.stage_qp.compiled import qp_library

@@ -25,7 +25,7 @@ from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermNodes, TermNumbers, term_blocks
 from uvms_ocp.ocp.transcription.variables import VariableLayout
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.level_solver import STAGEWISE
+from uvms_ocp.solvers.nlp.options import STAGEWISE
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
 
 _ROUNDING = 1e-9  # violation of a constraint at the start that is none

@@ -1,8 +1,8 @@
-from .level_solver import NlpOptions as NlpOptions, SqpOptions as SqpOptions
 from .lexicographic_nlp import (
     LexicographicNlp as LexicographicNlp,
     LexicographicResult as LexicographicResult,
 )
+from .options import NlpOptions as NlpOptions, SqpOptions as SqpOptions
 from .program import (
     LexicographicProgram as LexicographicProgram,
     NlpLevel as NlpLevel,

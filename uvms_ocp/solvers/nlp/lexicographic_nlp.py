@@ -23,7 +23,12 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp import level_solver, program as nlp, solve_monitor
+from uvms_ocp.solvers.nlp import (
+    level_solver,
+    options as nlp_options,
+    program as nlp,
+    solve_monitor,
+)
 from uvms_ocp.types import Bound, read_only
 
 _ORDER = tuple(nlp.NlpStatus)
@@ -92,7 +97,7 @@ class SelfSolving(Protocol):
 
     def solvers(
         self,
-        options: level_solver.NlpOptions,
+        options: nlp_options.NlpOptions,
         deadline: level_solver.Deadline,
         watch: solve_monitor.SolveMonitor,
     ) -> Sequence[NlpSolver]:
@@ -121,12 +126,12 @@ class LexicographicNlp:
     def __init__(
         self,
         program: nlp.LexicographicProgram | SelfSolving,
-        options: level_solver.NlpOptions | None = None,
+        options: nlp_options.NlpOptions | None = None,
     ) -> None:
         self.program = program
-        requested = options or level_solver.NlpOptions()
-        if requested.plugin == level_solver.AUTO:
-            self.options = replace(requested, plugin=level_solver.IPOPT)
+        requested = options or nlp_options.NlpOptions()
+        if requested.plugin == nlp_options.AUTO:
+            self.options = replace(requested, plugin=nlp_options.IPOPT)
         else:
             self.options = requested
         self.deadline = level_solver.Deadline()
@@ -135,7 +140,7 @@ class LexicographicNlp:
 
     def _solvers(self, program: nlp.LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
         if isinstance(program, nlp.LexicographicProgram):
-            if self.options.plugin == level_solver.STAGEWISE:
+            if self.options.plugin == nlp_options.STAGEWISE:
                 raise InvalidInput(
                     "plugin 'stagewise' solves problems over a horizon; give 'ipopt'"
                 )

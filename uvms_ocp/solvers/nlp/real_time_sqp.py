@@ -28,8 +28,8 @@ import numpy as np
 from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.nlp import program as nlp
-from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import SelfSolving
+from uvms_ocp.solvers.nlp.options import SPARSE_PLUGIN, STAGEWISE, SqpOptions
 from uvms_ocp.types import Bound
 
 _WEIGHT_RISE = 5.0  # factor on a proximal weight where a step was cut short
