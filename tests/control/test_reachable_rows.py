@@ -22,7 +22,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.tasks import ToolPose, ToolPosition
-from uvms_ocp.tasks.activation import ENDLESS, row_acceleration
+from uvms_ocp.tasks.approach_speed import ENDLESS, row_acceleration
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.task import Rows, TickSymbols
 from uvms_ocp.tasks.vehicle_velocity import NullVelocity

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from uvms_ocp.tasks.activation import stopping_speed
+from uvms_ocp.tasks.approach_speed import stopping_speed
 
 DT = 0.005
 RNG = np.random.default_rng(3)

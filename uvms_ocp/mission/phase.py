@@ -284,8 +284,8 @@ class Abort:
     mission.
     """
     ascent_task: str = "PC"
-    """Name of the task on the vehicle's pose that climbs, upright and where it is; its goal is made
-    as the phase begins.
+    """Name of the task on the vehicle's pose that climbs, upright and where it is, at most as fast
+    as its `saturation_linear`; its goal is made as the phase begins.
     """
     altitude: Positive = 3.0
     """[m] Safe altitude: above the last floor that is known, or where none is, above where the

@@ -10,7 +10,8 @@ import casadi as ca
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, SymbolicModel, kinematics, limits
-from uvms_ocp.tasks.activation import SmoothActivation, saturate
+from uvms_ocp.tasks.activation import SmoothActivation
+from uvms_ocp.tasks.approach_speed import saturate
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,

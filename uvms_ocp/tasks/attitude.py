@@ -17,7 +17,8 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import spatial, thrusters
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.tasks.activation import SmoothActivation, saturate
+from uvms_ocp.tasks.activation import SmoothActivation
+from uvms_ocp.tasks.approach_speed import saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import (
     Residual,

@@ -12,7 +12,8 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
-from uvms_ocp.tasks.activation import SmoothActivation, saturate
+from uvms_ocp.tasks.activation import SmoothActivation
+from uvms_ocp.tasks.approach_speed import saturate
 from uvms_ocp.tasks.nearest_pairs import NearestPairs
 from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, determined_by_goal
 from uvms_ocp.types import Positive

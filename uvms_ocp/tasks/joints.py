@@ -12,7 +12,8 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, SymbolicModel, limits
-from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, saturate
+from uvms_ocp.tasks.activation import SmoothActivation
+from uvms_ocp.tasks.approach_speed import approach_speed, saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import (
     Residual,

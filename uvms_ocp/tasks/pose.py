@@ -11,7 +11,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.robot import spatial, thrusters
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.tasks.activation import saturate
+from uvms_ocp.tasks.approach_speed import saturate
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
 from uvms_ocp.tasks.task import (
     Residual,

@@ -22,7 +22,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_model import SymbolicKinematics
-from uvms_ocp.tasks.activation import approach_speed, row_acceleration
+from uvms_ocp.tasks.approach_speed import approach_speed, row_acceleration
 from uvms_ocp.tasks.nearest_pairs import NearestPairs
 
 _CLASS_LETTERS = ("C", "S", "P", "AD", "O")

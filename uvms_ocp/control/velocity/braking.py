@@ -17,7 +17,7 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector
 from uvms_ocp.robot import Robot, SymbolicModel, limits
-from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
+from uvms_ocp.tasks.approach_speed import ENDLESS, stopping_speed
 
 _AT_REST = 1e-12  # [s] to rest
 NONE = -1

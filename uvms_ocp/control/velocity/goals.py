@@ -34,7 +34,7 @@ from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes, in_c
-from uvms_ocp.tasks.activation import ENDLESS
+from uvms_ocp.tasks.approach_speed import ENDLESS
 from uvms_ocp.tasks.nearest_pairs import NearestPairs
 from uvms_ocp.tasks.task import Task
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from uvms_ocp.robot import Robot, symbolic_bodies, thrusters
 from uvms_ocp.robot.size import size
-from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
+from uvms_ocp.tasks.approach_speed import ENDLESS, stopping_speed
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
 # [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at

@@ -38,7 +38,7 @@ from uvms_ocp.errors import InvalidInput, short
 from uvms_ocp.record.meta_values import OWN_QUANTITIES
 from uvms_ocp.robot import Robot, SymbolicModel, symbolic_bodies
 from uvms_ocp.robot.limits import bounded_joints
-from uvms_ocp.tasks.activation import stopping_speed
+from uvms_ocp.tasks.approach_speed import stopping_speed
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
 from uvms_ocp.types import Keyed, Period

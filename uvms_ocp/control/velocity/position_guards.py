@@ -29,7 +29,7 @@ from uvms_ocp.robot.shapes.collision_model import (
     in_c,
     without_c_form as not_measured,
 )
-from uvms_ocp.tasks.activation import ENDLESS
+from uvms_ocp.tasks.approach_speed import ENDLESS
 from uvms_ocp.tasks.task import Task
 
 _MOVES = "a goal that moves without telling its end"

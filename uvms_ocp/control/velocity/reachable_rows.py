@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_ocp.control.velocity import jerk_limit
 from uvms_ocp.solvers.hierarchy.level import widen_bounds
-from uvms_ocp.tasks.activation import ENDLESS, row_acceleration
+from uvms_ocp.tasks.approach_speed import ENDLESS, row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
 

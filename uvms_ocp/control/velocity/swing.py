@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.robot import Robot, SymbolicModel, dynamics, symbolic_bodies, thrusters
-from uvms_ocp.tasks.activation import ENDLESS, approach_speed, row_acceleration
+from uvms_ocp.tasks.approach_speed import ENDLESS, approach_speed, row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
 N_PASSIVE = 4
