@@ -59,6 +59,19 @@ def test_what_is_asked_for_locks_nothing(doubted: float) -> None:
     assert first_lock(memory, acceleration=1.0, asked=1.0, doubted=doubted) == (2.0, 0.0)
 
 
+@pytest.mark.parametrize("late", [0, 1, 2])
+def test_a_joint_that_does_what_was_asked_a_little_ago_locks_nothing(late: int) -> None:
+    """What is asked may turn about in one tick, at the edge of a reach; a light arm that followed was
+    locked for 32 s.
+    """
+    memory = guard()
+    asked = [0.34 * LIMIT * (-1.0 if k % 4 else 1.0) for k in range(60)]
+    for k in range(late, len(asked)):
+        reference = [0.0, asked[k], 0.0]
+        v = [0.0, asked[k - late], 0.0]
+        assert not locks_at_overspeed(memory, FIRST, v, reference, True, k * DT)
+
+
 def test_a_joint_that_is_thrown_within_a_tick_is_not_let_go_soon() -> None:
     """It was at 5 times its limit whenever brakes let go, before they could act."""
     memory = guard()

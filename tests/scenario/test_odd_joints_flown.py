@@ -62,17 +62,8 @@ def test_each_solver_moves_both_alike(kind: str, solver: str) -> None:
     )
 
 
-LOCKED_WITHOUT_CAUSE = pytest.mark.xfail(
-    strict=True,
-    reason="rates of a light arm jump by 0.7 of their limit at 50 Hz, in noise, which is taken for an"
-    " arm that is about to outrun it: its brakes are locked for 32 s, of the twin too",
-)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "kind", [pytest.param("continuous", marks=LOCKED_WITHOUT_CAUSE), "planar", "zero range"]
-)
+@pytest.mark.parametrize("kind", ODD)
 def test_in_water_and_noise_both_are_flown_alike(kind: str) -> None:
     """Estimator, health, controller and plant together; of another number of encoders the noise is
     another.

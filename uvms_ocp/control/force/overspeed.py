@@ -36,6 +36,10 @@ class OverspeedMemory(Layout):
     """(6,) [m/s, rad/s] largest velocities of the vehicle."""
     before: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad/s or m/s] velocities of the tick before."""
+    asked: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad/s or m/s] velocities that were asked for in the tick before."""
+    asked_earlier: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad/s or m/s] velocities that were asked for in the tick before that one."""
     before_t: float
     """[s] time of the tick before."""
     doubted_until: float
@@ -112,9 +116,23 @@ def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, referenc
         expected = rate + _TICKS_TO_ACT * (rate - overspeed.before[j])
         excess = max(abs(rate), abs(expected)) - overspeed.limit[j]
         overspeed.before[j] = rate
-        is_unasked = abs(rate - reference[first + j]) > _UNASKED * overspeed.limit[j]
+        is_unasked = _deviation(overspeed, j, rate, reference[first + j]) > (
+            _UNASKED * overspeed.limit[j]
+        )
         if is_unasked and excess > largest_excess:
             largest_excess = excess
             joint = j
             overspeed.thrown = growth > overspeed.limit[j]
     return joint
+
+
+def _deviation(overspeed: OverspeedMemory, j: int, rate: float, asked: float) -> float:
+    """Return how far [rad/s or m/s] the rate of a joint is from all that was asked of it of late.
+
+    It shows up to two ticks after it was asked for, by which time the opposite may be asked for.
+    """
+    lowest = min(asked, overspeed.asked[j], overspeed.asked_earlier[j])
+    highest = max(asked, overspeed.asked[j], overspeed.asked_earlier[j])
+    overspeed.asked_earlier[j] = overspeed.asked[j]
+    overspeed.asked[j] = asked
+    return max(lowest - rate, rate - highest)
