@@ -10,11 +10,11 @@ from scipy.integrate import quad
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Thruster
+from uvms_ocp.robot.electrical_power import joint_power
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import (
     curve_of_table,
-    joint_power,
     thrust_of_signals,
     unactuated_axes,
     unreachable_axes,

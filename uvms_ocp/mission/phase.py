@@ -285,7 +285,7 @@ class Abort:
     """
     ascent_task: str = "PC"
     """Name of the task on the vehicle's pose that climbs, upright and where it is, at most as fast
-    as its `saturation_linear`; its goal is made as the phase begins.
+    as its `VehiclePose.saturation_linear`; its goal is made as the phase begins.
     """
     altitude: Positive = 3.0
     """[m] Safe altitude: above the last floor that is known, or where none is, above where the

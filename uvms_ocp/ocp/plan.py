@@ -21,7 +21,7 @@ from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.meta_values import SurroundingsMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, list_robots, load_robot
-from uvms_ocp.robot.thrusters import joint_power, power_law
+from uvms_ocp.robot.electrical_power import joint_power, power_law
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 
 

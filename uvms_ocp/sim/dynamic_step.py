@@ -38,8 +38,8 @@ from uvms_ocp.robot import (
     symbolic_dynamics,
     thruster_matrix,
 )
+from uvms_ocp.robot.electrical_power import joint_power
 from uvms_ocp.robot.size import joint_strength, joint_units
-from uvms_ocp.robot.thrusters import joint_power
 from uvms_ocp.sim.seafloor_contact import ContactModel
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from uvms_ocp.codegen.elementwise import Array, clipped, where
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.electrical_power import electrical_power, power_law
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.thrusters import electrical_power, power_law, thrust_limits
+from uvms_ocp.robot.thrusters import thrust_limits
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 N_DECAYS = len(_NODES) + 1

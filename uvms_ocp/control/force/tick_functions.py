@@ -27,6 +27,7 @@ from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
 from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix, thrusters
+from uvms_ocp.robot.electrical_power import electrical_power, joint_power, power_law
 
 Parts = TypeVar("Parts", bound=Layout)
 
@@ -344,12 +345,8 @@ def command_function(laws: ForceLaws) -> ca.Function:
     reached_torque = desired.force[n:, :] - (wanted_torque - torque)
     reached = ca.vertcat(allocated.reached[:n], reached_torque)
     thrust = laws.lag.after(observed.thrust, command)
-    power = thrusters.electrical_power(
-        (observed.thrust + thrust) / 2.0, *thrusters.power_law(laws.robot)
-    )
-    drives = thrusters.joint_power(
-        torque, inputs.reference[n:, :], laws.robot.description.joint_efficiency
-    )
+    power = electrical_power((observed.thrust + thrust) / 2.0, *power_law(laws.robot))
+    drives = joint_power(torque, inputs.reference[n:, :], laws.robot.description.joint_efficiency)
     state = replace(
         observed,
         thrust=thrust,
