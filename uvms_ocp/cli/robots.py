@@ -249,8 +249,8 @@ def controller(
     name: Annotated[
         str | None,
         typer.Option(
-            help="C identifier before all names of the export, for several in one program; by"
-            " default that of the mission."
+            help="C identifier before all names of the export, another one for each in a program;"
+            " by default that of the mission."
         ),
     ] = None,
 ) -> None:

@@ -5,6 +5,7 @@ gives.
 from __future__ import annotations
 
 import ctypes
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -41,16 +42,18 @@ class CController:
         self._outputs = outputs_type()
         self._output_arrays = arrays_of(self._outputs)
         self._forces = forces
-        library = _library(folder, name)
-        size, *interface = (ctypes.c_ulong * 3).in_dll(library, f"{name}_CONTROLLER_SIZES")
+        texts = _texts(folder, name)
+        library = _library(folder, name, texts)
+        prefix = _symbol_prefix(folder, name, texts["controller.h"])
+        size, *interface = (ctypes.c_ulong * 3).in_dll(library, f"{prefix}CONTROLLER_SIZES")
         if interface != [ctypes.sizeof(inputs_type), ctypes.sizeof(outputs_type)]:
             raise InvalidInput(
                 f"{folder} is of a controller for another robot or mission; export this one"
             )
         self._memory = ctypes.create_string_buffer(size)
-        self._step = library[f"{name}_controller_step"]
+        self._step = library[f"{prefix}controller_step"]
         self._step.restype = None
-        library[f"{name}_controller_reset"](self._memory)
+        library[f"{prefix}controller_reset"](self._memory)
 
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
@@ -84,16 +87,28 @@ def only_name(folder: Path) -> str:
     return names[0]
 
 
-def _library(folder: Path, name: str) -> ctypes.CDLL:
+def _texts(folder: Path, name: str) -> dict[str, str]:
     called = file_names(name)
     try:
-        header, *files = ((folder / called[file]).read_text(encoding="utf-8") for file in SOURCES)
+        return {file: (folder / called[file]).read_text(encoding="utf-8") for file in SOURCES}
     except OSError as error:
         raise InvalidInput(
             f"{folder} has no controller {name}: {error.strerror}; `uvms-ocp export controller`"
             " writes one"
         ) from None
-    include = f'#include "{called["controller.h"]}"\n'
+
+
+def _symbol_prefix(folder: Path, name: str, header: str) -> str:
+    """Return what the header puts before all symbols."""
+    defined = re.search(rf"^#define {name}_controller_step (\w+)controller_step$", header, re.M)
+    if defined is None:
+        raise InvalidInput(f"the controller in {folder} is of another version; export it anew")
+    return defined[1]
+
+
+def _library(folder: Path, name: str, texts: dict[str, str]) -> ctypes.CDLL:
+    header, *files = (texts[file] for file in SOURCES)
+    include = f'#include "{file_names(name)["controller.h"]}"\n'
     source, *other_sources = (text.replace(include, header) for text in files)
     path = compile_library(source, name="the exported controller", others=other_sources)
     if path is None:

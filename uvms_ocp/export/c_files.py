@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import inspect
 import re
 import textwrap
@@ -30,7 +31,14 @@ FILES = (*SOURCES, "replay.c", "recorded.bin")
 """Files of an export whose names begin with its own."""
 COMMON_FILES = ("CMakeLists.txt", "README.md")
 """Files that have one name in every export, as other programs look for them."""
-_PLACEHOLDER = "NAME_"  # for the name of the export, in templates
+_PLACEHOLDER = re.compile("(NAME|SYMBOL)_")  # in templates: prefix of what users read, of symbols
+_DIGEST = "DIGEST"  # in symbols, until the content of all sources is known
+_DIGEST_LENGTH = 12  # hexadecimal digits
+
+
+def symbol_prefix(name: str) -> str:
+    """Return the text before all symbols of the export of that name, until `with_digest`."""
+    return f"{name}_{_DIGEST}_"
 
 
 def file_names(name: str) -> dict[str, str]:
@@ -55,8 +63,13 @@ class ControllerNames:
 
     @property
     def prefix(self) -> str:
-        """Text before every identifier."""
+        """Text before every type and macro."""
         return f"{self.export}_"
+
+    @property
+    def symbol_prefix(self) -> str:
+        """Text before all that linkers see, until `with_digest`."""
+        return symbol_prefix(self.export)
 
     def texts(self) -> dict[str, list[str]]:
         """Return the names by their arrays in C, as far as they can stand in a text there; never
@@ -91,18 +104,20 @@ class NamedSources:
     """The solver, a file of its own."""
 
     @classmethod
-    def of(cls, library: CLibrary, solver: str, prefix: str) -> NamedSources:
+    def of(cls, library: CLibrary, solver: str, names: ControllerNames) -> NamedSources:
         """Name the texts: structures where kernels use them, functions where they are defined."""
+        prefix = names.symbol_prefix
         structures = structures_in(library.types)
         kernels = functions_in(library.kernels)
+        of_types = with_prefix(library.kernels, names.prefix, structures)
         defined = functions_in(library.functions) | functions_in(solver)
         declared = functions_in(library.declarations)
         written = {name for name in defined | declared if not name.startswith("casadi_")}
         # CasADi gives what all its functions share the name of their file.
         functions = {*written, "functions_", "numbers"}
         return cls(
-            types=with_prefix(library.types, prefix, structures),
-            kernels=with_prefix(library.kernels, prefix, structures | kernels),
+            types=with_prefix(library.types, names.prefix, structures),
+            kernels=with_prefix(of_types, prefix, kernels),
             functions=with_prefix(library.functions, prefix, functions),
             numbers=with_prefix(library.numbers, prefix, functions),
             declarations=with_prefix(library.declarations, prefix, functions),
@@ -139,7 +154,7 @@ def source(
         definitions.append(f"const char *const {name}[] = {{{quoted}}};")
     parameters = list[str]()
     for name, k in places.items():
-        parameters.append(f'{{"{_plain(name)}", {names.prefix}{NUMBERS} + {k}}}, ')
+        parameters.append(f'{{"{_plain(name)}", {names.symbol_prefix}{NUMBERS} + {k}}}, ')
     return Template(template("controller.c", names.export)).substitute(
         exact=EXACT,
         declarations=sources.declarations,
@@ -203,7 +218,20 @@ def template(file: str, name: str) -> str:
     filled.
     """
     text = files("uvms_ocp.export").joinpath("templates", file).read_text(encoding="utf-8")
-    return text.replace(_PLACEHOLDER, f"{name}_")
+    prefixes = {"NAME": f"{name}_", "SYMBOL": symbol_prefix(name)}
+    return _PLACEHOLDER.sub(lambda placeholder: prefixes[placeholder[1]], text)
+
+
+def with_digest(texts: Mapping[str, str], name: str) -> dict[str, str]:
+    """Return the texts of the files of an export with a digest of all `SOURCES` in every symbol.
+
+    What is compiled with a header is linked to the controller of that header, or not at all: of
+    archives and shared libraries that have one symbol a linker takes the first without a word.
+    """
+    content = "".join(texts[file] for file in SOURCES)
+    digest = hashlib.sha256(content.encode()).hexdigest()[:_DIGEST_LENGTH]
+    placeholder = re.compile(rf"\b{symbol_prefix(name)}")
+    return {file: placeholder.sub(f"{name}_{digest}_", text) for file, text in texts.items()}
 
 
 def table(names: Sequence[str]) -> str:

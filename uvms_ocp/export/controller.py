@@ -35,6 +35,7 @@ from uvms_ocp.export.c_files import (
     table,
     task_numbers,
     template,
+    with_digest,
 )
 from uvms_ocp.export.names import export_name
 from uvms_ocp.record.output import claim_folder
@@ -102,8 +103,8 @@ def export_controller(
     compare with.
 
     name: an identifier of C that stands before every identifier, target and file of it, so that
-    several exports can be parts of one program; that of the scenario by default. The scenario is
-    run for that. Returns the files. Raises `InvalidInput` for what has no form in C, by its name,
+    several exports can be parts of one program, with a name each; that of the scenario by default.
+    The scenario is run for that. Returns the files. Raises `InvalidInput` for what has no form in C, by its name,
     for a name that is no identifier, and `OutputError` where the folder cannot be written.
     """
     prefix = export_name(name, scenario.name)
@@ -156,9 +157,9 @@ def _texts_controller(scenario: Scenario, name: str) -> tuple[dict[str, str], by
     run = _recorded(scenario, sizes)
     variable = None
     if places:
-        variable = (f"{names.prefix}{NUMBERS}", numbers)
+        variable = (f"{names.symbol_prefix}{NUMBERS}", numbers)
     library = controller_library(memory, sizes, variable)
-    sources = NamedSources.of(library, core, names.prefix)
+    sources = NamedSources.of(library, core, names)
     readme = template("README.md", name).format(
         scenario=literal(scenario.name),
         robot=literal(scenario.robot.name),
@@ -184,7 +185,7 @@ def _texts_controller(scenario: Scenario, name: str) -> tuple[dict[str, str], by
         "CMakeLists.txt": template("CMakeLists.txt", name),
         "README.md": readme,
     }
-    return texts, run.as_bytes()
+    return with_digest(texts, name), run.as_bytes()
 
 
 def _recorded(scenario: Scenario, sizes: dict[str, int]) -> RecordingController:

@@ -3,4 +3,4 @@ $exact
 #include "NAME_controller.h"
 $declarations
 $numbers
-const NAME_Controller NAME_CONTROLLER_INITIAL = $value;
+const NAME_Controller SYMBOL_CONTROLLER_INITIAL = $value;
