@@ -149,9 +149,7 @@ def test_constraints_that_exclude_each_other_are_reported_as_infeasible() -> Non
 
 @pytest.mark.parametrize("max_iterations", [1, 3, 150])
 def test_the_violation_is_that_of_the_point_however_the_search_ended(max_iterations: int) -> None:
-    """IPOPT gives rows of no point where it does not begin: here there are more of them than
-    variables.
-    """
+    """Here there are more equations than variables, which contradict each other."""
     x = ca.SX.sym("x", 2)
     constraints = ca.vertcat(x[0] - 1, x[1] - 1, x[0] * x[1] - 5, x[0] + x[1])
     program = lexicographic_program(
@@ -162,6 +160,58 @@ def test_the_violation_is_that_of_the_point_however_the_search_ended(max_iterati
     values = np.array(ca.Function("g", [x], [constraints])(result.x)).ravel()
     assert result.violation >= np.abs(values).max() * (1.0 - 1e-9)
     assert not result.status.optimal
+
+
+def test_levels_below_one_that_fixes_all_are_evaluated_where_it_ended(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Of two levels that are frozen exactly there are more equations than variables, which IPOPT
+    does not take: its word was the limit of iterations.
+    """
+    x = ca.SX.sym("x", 2)
+    levels = [NlpLevel(y=ca.vertcat(x[0] - 1, x[1] + 2)), NlpLevel(y=rosenbrock(x))]
+    levels += [NlpLevel(y=himmelblau(x))] * 2
+    options = NlpOptions(tolerance=0, convergence=1e-10, anticipate=False)
+    result = solve(x, levels, np.array([0.2, 0.4]), options)
+    assert result.level_status == (NlpStatus.SOLVED,) * 4
+    np.testing.assert_allclose(result.x, [1.0, -2.0], atol=1e-9)
+    assert result.iterations[-2:] == (0, 0)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("start", [(0.2, 0.4), (1.0, 1.0), (3.0, -2.0)])
+@pytest.mark.parametrize("anticipate", [True, False])
+def test_equations_that_repeat_others_change_no_optimum(
+    start: tuple[float, float], anticipate: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    x = ca.SX.sym("x", 2)
+    line = x[0] + x[1] - 2
+    levels = [NlpLevel(y=x[0] - 3), NlpLevel(y=x - 5)]
+    options = NlpOptions(anticipate=anticipate)
+    once = LexicographicNlp(lexicographic_program(x, levels, g=line), options)
+    often = LexicographicNlp(
+        lexicographic_program(x, levels, g=ca.vertcat(line, 2 * line, -line)), options
+    )
+    expected = once.solve(np.array(start))
+    result = often.solve(np.array(start))
+    assert result.status.optimal
+    assert result.violation <= options.feasibility
+    np.testing.assert_allclose(result.x, expected.x, atol=1e-5)
+    np.testing.assert_allclose(expected.x, [3.0, -1.0], atol=1e-5)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_equations_that_contradict_each_other_are_reported_as_infeasible(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    x = ca.SX.sym("x", 2)
+    constraints = ca.vertcat(x[0] - 1, x[1] - 1, x[0] + x[1])
+    nlp = LexicographicNlp(lexicographic_program(x, [NlpLevel(y=himmelblau(x))], g=constraints))
+    for start in ([0.2, 0.4], [1.0, 1.0]):
+        result = nlp.solve(np.array(start))
+        assert result.status is NlpStatus.INFEASIBLE
+        assert result.violation > 0.5
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_time_limit_ends_all_levels_where_they_stand() -> None:

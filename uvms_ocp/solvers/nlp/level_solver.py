@@ -25,6 +25,8 @@ from uvms_ocp.solvers.nlp.solve_monitor import BestIterate, IterationReport, Sol
 
 # Multiples of the tolerance up to which a level counts as solved to reduced accuracy.
 _REDUCED_ACCURACY = 1e3
+# Share of the violation of usable points by which equations give way that are more than variables.
+_SLACK_SHARE = 0.1
 _STEEP_GRADIENT = (
     100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
 )
@@ -186,11 +188,56 @@ class LevelSolver:
         """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the
         parameter].
         """
-        rows = self._nlp.rows
         if self._deadline.over:
             return NlpOutcome(
                 point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf
             )
+        if not self._has_more_equations_than_variables(bounds):
+            return self._solved(start, p, bounds, bounds)
+        evaluated = self._evaluated(start, p, bounds)
+        if evaluated.usable and evaluated.status.optimal:
+            return evaluated
+        slack = _SLACK_SHARE * self._options.feasibility
+        return self._solved(start, p, bounds, bounds.widened(slack))
+
+    def _has_more_equations_than_variables(self, bounds: RowBounds) -> bool:
+        """Check for an NLP that IPOPT does not take: some equations repeat others, or contradict
+        them.
+        """
+        rows = self._nlp.rows
+        n_equations = np.count_nonzero(bounds.lower[rows] == bounds.upper[rows])
+        return bool(n_equations > self._nlp.nlp["x"].numel())
+
+    def _evaluated(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> NlpOutcome:
+        """Judge the start itself, where it keeps all rows by the multipliers that its equations
+        have there by least squares.
+        """
+        rows = self._nlp.rows
+        linear = self._conditions.linearized(start.x, p)
+        violation = bounds.violation(start.x, linear.rows, rows)
+        usable = violation <= self._options.feasibility
+        multipliers = np.zeros(self._n_rows)
+        if usable and np.isfinite(linear.gradient).all():
+            equations = np.flatnonzero(bounds.lower[rows] == bounds.upper[rows])
+            slopes = linear.jacobian.full()[equations]
+            multipliers[rows[equations]] = np.linalg.lstsq(slopes.T, -linear.gradient)[0]
+        point = NlpPoint(
+            x=start.x, x_multipliers=np.zeros(len(start.x)), row_multipliers=multipliers
+        )
+        return NlpOutcome(
+            point=point,
+            usable=usable,
+            status=self._judged(NlpStatus.SOLVED, point, linear, bounds),
+            iterations=0,
+            violation=violation,
+            cost=linear.cost,
+        )
+
+    def _solved(
+        self, start: NlpPoint, p: np.ndarray, bounds: RowBounds, ipopt_bounds: RowBounds
+    ) -> NlpOutcome:
+        """Solve within `ipopt_bounds`; what comes of it is measured by `bounds`."""
+        rows = self._nlp.rows
         solver = self._warm if start.warm else self._cold
         best = self._stop.best = BestIterate(bounds, rows, self._options.feasibility)
         arguments: dict[str, Any] = {
@@ -199,7 +246,7 @@ class LevelSolver:
             "lbx": bounds.x_lower,
             "ubx": bounds.x_upper,
         }
-        arguments |= {"lbg": bounds.lower[rows], "ubg": bounds.upper[rows]}
+        arguments |= {"lbg": ipopt_bounds.lower[rows], "ubg": ipopt_bounds.upper[rows]}
         if start.row_multipliers is not None:
             arguments |= {"lam_x0": start.x_multipliers, "lam_g0": start.row_multipliers[rows]}
         called = solver.call(arguments)
@@ -224,7 +271,7 @@ class LevelSolver:
         return NlpOutcome(
             point=point,
             usable=violation <= self._options.feasibility,
-            status=self._judged(status_of(stats), point, linear, bounds),
+            status=self._judged(status_of(stats), point, linear, ipopt_bounds),
             iterations=iterations,
             violation=violation,
             cost=linear.cost,

@@ -461,6 +461,11 @@ class RowBounds:
         lower[rows], upper[rows] = bounds
         return replace(self, lower=lower, upper=upper)
 
+    def widened(self, slack: float) -> RowBounds:
+        """Let the rows of equations give way by `slack` [unit of the row] to both sides."""
+        slacks = np.where(self.lower == self.upper, slack, 0.0)
+        return replace(self, lower=self.lower - slacks, upper=self.upper + slacks)
+
     def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray | slice) -> float:
         """Largest violation at x (n_x,) [unit of x], where the rows numbered `rows` (m,) are g (m,)
         [unit of the row].
