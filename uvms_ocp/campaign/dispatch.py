@@ -1,5 +1,5 @@
-"""Dispatch runs to the workers of a cluster and collect rows: a bounded number at a time, whatever
-becomes of the workers.
+"""Dispatch runs to the workers of a cluster and collect their rows, a bounded number at a time; runs
+of workers that die are made again or become rows of failures.
 """
 
 from __future__ import annotations
@@ -35,30 +35,32 @@ from uvms_ocp.campaign.store import CampaignFolder
 from uvms_ocp.errors import OutputError
 
 _LOG_DELAY = 1.0  # [s] in which an event of a worker arrives before its process ends
-_AHEAD = 3  # tasks that are sent for every thread of the cluster
-_TASK = 0.3  # [s] that a task of several short runs takes
-_MOST = 50  # runs of a task
-_LOOK = 0.5  # [s] between two looks at the clock
-_ALONE = 60.0  # [s] without any worker, after which it is logged
+_TASKS_PER_THREAD = 3  # tasks that are sent for every thread of the cluster
+_TASK_DURATION = 0.3  # [s] that a task of several short runs takes
+_MAX_RUNS = 50  # largest number of runs in a task
+_POLL_PERIOD = 0.5  # [s] between two checks that the cluster is there
+_WITHOUT_WORKERS = 60.0  # [s] without any worker, after which it is logged
 
 _log = logging.getLogger(__name__)
 
 
 class JobPlugin(WorkerPlugin):
-    """Plugin that carries the work of a campaign to every worker as it joins."""
+    """Plugin that carries the job of a campaign to every worker as it joins."""
 
     def __init__(self, name: str, work: CampaignJob) -> None:
-        """name: of the campaign, by which its runs find it."""
+        """name: name of the campaign, by which `make_runs` finds the plugin."""
         self.name = name
         self.work = work
 
     def setup(self, worker: Any) -> None:
-        """Keep quiet: what a run has to say stands in its row."""
+        """Silence warnings of runs: what matters of them is in their rows."""
         logging.getLogger("uvms_ocp").setLevel(logging.ERROR)
 
 
 def make_runs(name: str, runs: Sequence[int], limit: float) -> list[RunResult]:
-    """Make runs on a worker, one after the other, of the campaign of a name; limit: [s] of each run."""
+    """Make runs of a campaign on a worker, one after the other; name: name of the campaign's plugin;
+    limit [s]: time limit of each run.
+    """
     worker = get_worker()
     work: CampaignJob = worker.plugins[name].work
     place = f"{worker.address} {os.getpid()}"
@@ -66,7 +68,7 @@ def make_runs(name: str, runs: Sequence[int], limit: float) -> list[RunResult]:
 
 
 def _end(worker: Any, name: str, run: int) -> None:
-    """End a process in a call that does not return, after informing whoever waits for the run."""
+    """End this process, whose run is in a call that does not return, after informing the dispatcher."""
     worker.log_event(name, {"run": run})
     time.sleep(_LOG_DELAY)
     os._exit(1)
@@ -84,29 +86,37 @@ class Dispatch:
         limit: float = math.inf,
         exclusive: bool = False,
     ) -> None:
-        """client: a ``distributed.Client``. limit [s] of a run. exclusive: whether workers have one
-        at a time, alone to blame.
+        """client: a ``distributed.Client``. limit [s]: time limit of a run. exclusive: True where a
+        worker makes one run at a time, so that a run whose worker dies is itself the cause.
         """
         self._client = client
         self._work = work
         self._folder = folder
         self._name = f"runs-{uuid4().hex}"
         self._limit = limit
-        self._overdue: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._running: dict[Any, Sequence[int]] = {}
-        self._alone: deque[int] = deque()
         self._exclusive = exclusive
-        self._suspects = deque[int]()
-        self._tried = set[int]()
+        self._running: dict[Any, Sequence[int]] = {}
+        """Runs of each task on the cluster, by its future."""
         self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._wall = 0.0
-        self._made = 0
-        self._alone_since: float | None = None
+        """Futures that are done."""
+        self._overdue: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        """Events of runs that did not end in their time."""
+        self._single_runs = deque[int]()
+        """Runs to be made in a task each, as a task of theirs failed."""
+        self._suspects = deque[int]()
+        """Runs to be made with nothing beside them, as their worker died."""
+        self._tried = set[int]()
+        """Runs that have been suspects."""
+        self._total_wall_time = 0.0
+        """[s] time of all runs made, by which the size of tasks is chosen."""
+        self._n_made = 0
+        self._without_workers_since: float | None = None
+        """[s] time at which the cluster lost its last worker."""
 
     def run(self, runs: Iterable[int], progress: Any) -> None:
         """Make all of these runs; progress: called without arguments whenever rows have come.
 
-        Raises `OutputError` where the cluster is lost. Rows that have come are in the folder then,
+        Raises `OutputError` where the cluster is lost. Rows that had come by then are in the folder,
         as after an interrupt.
         """
         todo = iter(runs)
@@ -124,14 +134,14 @@ class Dispatch:
             self._stop()
 
     def _fill(self, todo: Any) -> None:
+        """Send tasks until every thread of the cluster has some ahead."""
         if self._running:
             workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
             counts = [worker["nthreads"] for worker in workers]
         else:
-            workers = ()
             counts = self._client.nthreads().values()
-        threads = max(1, sum(counts))
-        while len(self._running) < _AHEAD * threads:
+        n_threads = max(1, sum(counts))
+        while len(self._running) < _TASKS_PER_THREAD * n_threads:
             chunk = self._next(todo)
             if not chunk:
                 break
@@ -140,26 +150,29 @@ class Dispatch:
             self._send([self._suspects.popleft()])  # with nothing beside it
 
     def _next(self, todo: Any) -> list[int]:
-        """Runs of the next task: those under suspicion one by one, others together as far as they
-        are short.
+        """Return the runs of the next task: those whose task failed one by one, others together as
+        far as they are short.
         """
-        if self._alone:
-            return [self._alone.popleft()]
-        mean = self._wall / self._made if self._made else _TASK
-        size = min(_MOST, max(1, int(_TASK / max(mean, 1e-6))))
-        return [int(run) for run in islice(todo, size)]
+        if self._single_runs:
+            return [self._single_runs.popleft()]
+        mean_time = _TASK_DURATION
+        if self._n_made:
+            mean_time = self._total_wall_time / self._n_made
+        size = max(1, int(_TASK_DURATION / max(mean_time, 1e-6)))
+        return [int(run) for run in islice(todo, min(_MAX_RUNS, size))]
 
     def _send(self, chunk: list[int]) -> None:
+        """Send a task with a chunk of runs to the cluster."""
         key = (self._name, chunk[0], uuid4().hex)
         future = self._client.submit(make_runs, self._name, chunk, self._limit, key=key, pure=False)
         self._running[future] = chunk
         future.add_done_callback(self._arrived.put)
 
     def _wait(self) -> list[Any]:
-        """Futures that are done, once some are or it is time to look at the clock."""
+        """Return futures that are done; none where `_POLL_PERIOD` passes without any."""
         done_futures = []
         with suppress(queue.Empty):
-            done_futures.append(self._arrived.get(timeout=_LOOK))
+            done_futures.append(self._arrived.get(timeout=_POLL_PERIOD))
             while True:
                 done_futures.append(self._arrived.get_nowait())
         if not done_futures:
@@ -168,34 +181,38 @@ class Dispatch:
         return done_futures
 
     def _warn_of_no_workers(self) -> None:
-        """Warn once, as a cluster may still be waiting for its machines."""
+        """Warn once of a cluster without workers, which may still be waiting for its machines."""
         if self._client.nthreads():
-            self._alone_since = None
-        elif self._alone_since is None:
-            self._alone_since = monotonic()
-        elif monotonic() - self._alone_since > _ALONE:
-            self._alone_since = math.inf
+            self._without_workers_since = None
+        elif self._without_workers_since is None:
+            self._without_workers_since = monotonic()
+        elif monotonic() - self._without_workers_since > _WITHOUT_WORKERS:
+            self._without_workers_since = math.inf
             _log.warning(
                 "the cluster has had no worker for %g s; they need this version of uvms_ocp, too",
-                _ALONE,
+                _WITHOUT_WORKERS,
             )
 
     def _take(self, futures: Sequence[Any]) -> None:
+        """Keep the rows of tasks that are done, and deal with those that gave none."""
         finished = {future: future for future in futures if future.status == "finished"}
         for future, results in self._client.gather(finished, errors="skip").items():
-            if results is not None:  # else its worker has gone since, and with it the rows
-                for result in results:
-                    self._wall = self._wall + float(result.row["wall_s"] or 0.0)
-                    self._made = self._made + 1
-                    self._folder.add(result)
-                self._running.pop(future)
+            if results is None:  # its worker has gone since, and with it the rows
+                continue
+            for result in results:
+                self._total_wall_time += float(result.row["wall_s"] or 0.0)
+                self._n_made += 1
+                self._folder.add(result)
+            self._running.pop(future)
         for future in futures:
             if future in self._running:
                 self._judge(future, self._running.pop(future))
 
     def _judge(self, future: Any, chunk: Sequence[int]) -> None:
-        """Deal with a task that gave no rows: of several runs each is tried alone, and a single one
-        that ended its processes becomes a row.
+        """Deal with a task that gave no rows.
+
+        Several runs get a task each. A single run whose worker died becomes a suspect, and where it
+        was one before, or its worker made nothing else, a row of its failure.
         """
         if future.status == "error":
             error = future.exception()
@@ -203,52 +220,47 @@ class Dispatch:
             error = None
         if error is None or len(chunk) > 1:
             self._require_cluster()
-            self._alone.extend(chunk)
-        elif (
-            isinstance(error, dask().KilledWorker)
-            and not self._exclusive
-            and chunk[0] not in self._tried
-        ):
-            self._tried.add(chunk[0])
-            self._suspects.append(chunk[0])
+            self._single_runs.extend(chunk)
+            return
+        run = chunk[0]
+        was_killed = isinstance(error, dask().KilledWorker)
+        if was_killed and not self._exclusive and run not in self._tried:
+            self._tried.add(run)
+            self._suspects.append(run)
+        elif was_killed:
+            self._add_failure(run, KILLED, f"the process of the run ended: {error}")
         else:
-            outcome = KILLED if isinstance(error, dask().KilledWorker) else ERROR
-            if outcome == KILLED:
-                text = f"the process of the run ended: {error}"
-            else:
-                text = f"{type(error).__name__}: {error}"
-            self._folder.add(RunResult(row=failed_row(self._work, chunk[0], outcome, text)))
+            self._add_failure(run, ERROR, f"{type(error).__name__}: {error}")
+
+    def _add_failure(self, run: int, outcome: str, text: str) -> None:
+        """Add the row of a run that failed."""
+        self._folder.add(RunResult(row=failed_row(self._work, run, outcome, text)))
 
     def _give_up(self) -> None:
-        """Runs that did not end in their time, nor when they were told to: their processes end just
-        now.
+        """Give up runs that did not end in their time, nor when they were interrupted: their
+        processes are ending themselves.
         """
         while not self._overdue.empty():
-            _, overdue = self._overdue.get_nowait()
+            _, event = self._overdue.get_nowait()
+            overdue_run = event["run"]
             for future, chunk in list(self._running.items()):
-                if overdue["run"] in chunk:
-                    self._running.pop(future)
-                    self._client.cancel([future], force=True)
-                    self._alone.extend(run for run in chunk if run != overdue["run"])
-                    self._folder.add(
-                        RunResult(
-                            row=failed_row(
-                                self._work, overdue["run"], TIME_LIMIT, over_time(self._limit)
-                            )
-                        )
-                    )
+                if overdue_run not in chunk:
+                    continue
+                self._running.pop(future)
+                self._client.cancel([future], force=True)
+                self._single_runs.extend(run for run in chunk if run != overdue_run)
+                self._add_failure(overdue_run, TIME_LIMIT, over_time(self._limit))
 
     def _require_cluster(self) -> None:
+        """Raise `OutputError` where the scheduler is gone."""
         if self._client.status not in ("running", "connecting"):
             raise OutputError(
                 "the Dask scheduler is gone; start it, then give the same command again to go on"
             )
 
     def _stop(self) -> None:
-        """Nothing of ours stays on the cluster."""
-        with suppress(
-            OSError, ValueError, RuntimeError, TimeoutError
-        ):  # a cluster that is gone keeps nothing
+        """Remove tasks, plugin and subscription from the cluster; one that is gone keeps nothing."""
+        with suppress(OSError, ValueError, RuntimeError, TimeoutError):
             self._client.cancel(list(self._running), force=True)
             self._running.clear()
             self._client.unregister_worker_plugin(self._name)

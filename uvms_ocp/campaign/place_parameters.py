@@ -1,5 +1,5 @@
-"""Parameters of places: where the robot starts, how high the floor truly is, where obstacles truly
-are.
+"""Parameters of campaigns that move things: the start of the robot, the true height of the floor,
+the true places of obstacles.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _TURNS = tuple(enumerate(("roll", "pitch", "yaw")))
 
 
 def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
-    """Yield offsets from what the scenario says; controller and mission know nothing of those of
+    """Yield offsets from the scenario's places. Controller and mission know nothing of the offsets of
     floor and obstacles.
     """
     robot = scenario.robot
@@ -58,12 +58,14 @@ def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
 
 
 def _moved(axis: int, scenario: Scenario, value: float) -> Scenario:
+    """Return the scenario with the start moved by a value [m] along an axis of W."""
     start = np.array(scenario.start)
     start[axis] += value
     return replace(scenario, start=start)
 
 
 def _turned(axis: int, scenario: Scenario, value: float) -> Scenario:
+    """Return the scenario with the vehicle turned at the start by a value [rad] about its axis."""
     start = np.array(scenario.start)
     turn = pin.Quaternion(pin.exp3(value * np.eye(3)[axis]))
     start[3:7] = (pin.Quaternion(*start[[6, 3, 4, 5]]) * turn).normalized().coeffs()
@@ -71,6 +73,7 @@ def _turned(axis: int, scenario: Scenario, value: float) -> Scenario:
 
 
 def _bent(index: int, scenario: Scenario, value: float) -> Scenario:
+    """Return the scenario with a joint moved at the start by a value [rad or m]; index: its velocity."""
     model = scenario.robot.model
     return replace(
         scenario, start=pin.integrate(model, scenario.start, value * np.eye(model.nv)[index])
@@ -78,11 +81,13 @@ def _bent(index: int, scenario: Scenario, value: float) -> Scenario:
 
 
 def _with_floor(scenario: Scenario, value: float) -> Scenario:
+    """Return the scenario with the floor higher by a value [m]."""
     floor: Any = scenario.environment.seafloor
     return with_environment(scenario, seafloor=replace(floor, z=floor.z + value))
 
 
 def _with_obstacle(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
+    """Return the scenario with an obstacle moved by a value [m] along an axis of W."""
     shift = pin.SE3(np.eye(3), value * np.eye(3)[axis])
     obstacles = []
     for obstacle in scenario.environment.obstacles:

@@ -8,7 +8,7 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import AtLeastOne, Count
 
-_FEW = 10  # of either kind, below which Wilson's normal approximation is left
+_FEW = 10  # runs with or without the event, below which Wilson's normal approximation does not hold
 
 
 @checked_dataclass()
@@ -20,6 +20,7 @@ class Rate:
     number: Count
     """Number of runs with the event."""
     runs: AtLeastOne
+    """Number of all runs."""
 
     def __post_init__(self) -> None:
         if self.number > self.runs:
@@ -27,11 +28,14 @@ class Rate:
 
     @property
     def share(self) -> float:
+        """Share of the runs with the event."""
         return self.number / self.runs
 
     @property
     def method(self) -> str:
-        """Wilson's interval, or the exact one of Clopper and Pearson where either kind is rare."""
+        """Name of the interval: Wilson's, or the exact one of Clopper and Pearson where runs with or
+        without the event are rare.
+        """
         if min(self.number, self.runs - self.number) < _FEW:
             return "Clopper-Pearson"
         return "Wilson"
@@ -46,7 +50,7 @@ class Rate:
         return float(confidence.low), float(confidence.high)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON values."""
+        """Return the rate, its interval and the method as JSON values."""
         lower, upper = self.interval
         counts = {"number": self.number, "runs": self.runs, "share": self.share}
         return {**counts, "lower": lower, "upper": upper, "method": self.method}

@@ -13,7 +13,7 @@ GRACE = 3.0
 """[s] in which Python must leave a run whose time is over; a run in a call that does not come back is
 ended.
 """
-_WAITS = 50  # [ms] in which an interrupt that is on its way arrives
+_ARRIVAL = 50  # [ms] in which an interrupt that is on its way arrives
 
 
 class OverTime(BaseException):
@@ -22,11 +22,10 @@ class OverTime(BaseException):
 
 @contextmanager
 def time_limit(seconds: float, stuck: Callable[[], None]) -> Iterator[None]:
-    """Raise `OverTime` in the block after so many seconds [s], wherever it is; stuck: called where
-    it does not get there.
+    """Raise `OverTime` in the block after so many seconds [s].
 
-    It comes between two steps of Python, so that a single call that never returns, such as a sleep,
-    is for `stuck`.
+    stuck: called where the block has not ended `GRACE` later. The error comes between two steps of
+    Python: a single call that never returns, such as a sleep, does not notice it.
     """
     watch = _Watch(threading.get_ident(), stuck)
     timer = threading.Timer(seconds, watch.end)
@@ -70,7 +69,7 @@ class _Watch:
                 self._left.set()
             is_on_its_way = self._fired and not isinstance(sys.exc_info()[1], OverTime)
             if is_on_its_way:
-                for _ in range(_WAITS):
+                for _ in range(_ARRIVAL):
                     time.sleep(0.001)
         finally:
             self._left.set()

@@ -22,11 +22,10 @@ from uvms_ocp.cli.exit_codes import BAD_INPUT
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.version import __version__
 
-# Groups of commands, each of which is imported when its turn comes: that takes longer than what
-# many of them do.
-
 Place = str | typer.Typer
-"""Definition of a command, MODULE.FUNCTION of this package, or a group of commands."""
+"""Definition of a command: MODULE.FUNCTION of this package, which is imported when the command is
+asked for, as imports last longer than many commands; or a group of commands.
+"""
 
 _EXAMPLES = (
     (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")
@@ -36,7 +35,7 @@ _PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
 
 _TRACEBACK = "--traceback"
 
-_SIZE = 3  # numbers of a vector, such as a position
+_VECTOR_SIZE = 3  # numbers of a vector, such as a position
 
 
 class Commands(Mapping[str, Any]):
@@ -44,12 +43,13 @@ class Commands(Mapping[str, Any]):
 
     def __init__(self, places: Mapping[str, Place]) -> None:
         self._places = places
-        self._made = dict[str, Any]()
+        self._commands = dict[str, Any]()
+        """Commands that have been built."""
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self._made:
-            self._made[name] = _made(name, self._places[name])
-        return self._made[name]
+        if name not in self._commands:
+            self._commands[name] = _built(name, self._places[name])
+        return self._commands[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)
@@ -58,11 +58,12 @@ class Commands(Mapping[str, Any]):
         return len(self._places)
 
     def summaries(self) -> list[tuple[str, str]]:
-        """Name and first paragraph of the help of all, without importing them."""
+        """Return name and first paragraph of the help of all commands, without importing them."""
         return [(name, _summary(place)) for name, place in self._places.items()]
 
 
-def _made(name: str, place: Place) -> Any:
+def _built(name: str, place: Place) -> Any:
+    """Import and build the command of a name."""
     if isinstance(place, typer.Typer):
         return typer.main.get_group(place)
     from uvms_ocp.cli.option_groups import expand_options
@@ -76,6 +77,7 @@ def _made(name: str, place: Place) -> Any:
 
 
 def _summary(place: Place) -> str:
+    """Return the first paragraph of the help of a command, read from its source."""
     if isinstance(place, typer.Typer):
         return str(place.info.help)
     module, function = place.split(".")
@@ -88,6 +90,8 @@ def _summary(place: Place) -> str:
 
 
 def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
+    """Make a group of commands that are imported one by one; options: those of `typer.Typer`."""
+
     class Group(TyperGroup):
         def __init__(self, **attributes: Any) -> None:
             super().__init__(**attributes)
@@ -102,8 +106,6 @@ def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
 
     return typer.Typer(cls=Group, no_args_is_help=True, rich_markup_mode=None, **options)
 
-
-# The commands.
 
 _ALL: dict[str, Place] = {
     "run": "run.run",
@@ -136,6 +138,7 @@ app = _group(
 
 
 def _show_version(is_set: bool) -> None:
+    """Print the version and end."""
     if is_set:
         sys.stdout.write(f"uvms-ocp {__version__}\n")
         raise typer.Exit
@@ -157,12 +160,9 @@ def common(
     """Task-priority planning of underwater vehicle-manipulator systems."""
 
 
-# Options of three numbers, written with commas as others write them: ``--position -3,1,2``.
-
-
 def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
-    """Return the words of a command line with every such option followed by its numbers one by one,
-    as the parser takes them.
+    """Split vectors that are written with commas, such as ``--position -3,1,2``: return the words of
+    a command line with their numbers one by one, as the parser takes them.
     """
     command: Any = typer.main.get_command(app)
     for word in words:
@@ -170,18 +170,19 @@ def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
             command = command.commands[word]
     vector_options = set[str]()
     for parameter in command.params:
-        if parameter.nargs == _SIZE:
+        if parameter.nargs == _VECTOR_SIZE:
             vector_options.update(parameter.opts)
-    return list(_spread(words, vector_options))
+    return list(_split_vectors(words, vector_options))
 
 
-def _spread(words: Sequence[str], vectors: Collection[str]) -> Iterator[str]:
+def _split_vectors(words: Sequence[str], vector_options: Collection[str]) -> Iterator[str]:
+    """Yield words, those of the vectors behind some options number by number."""
     previous = ""
     for word in words:
         name, separator, value = word.partition("=")
-        if separator and name in vectors:
+        if separator and name in vector_options:
             yield from (name, *value.split(","))
-        elif previous in vectors and word.count(",") == _SIZE - 1:
+        elif previous in vector_options and word.count(",") == _VECTOR_SIZE - 1:
             yield from word.split(",")
         else:
             yield word
@@ -189,10 +190,11 @@ def _spread(words: Sequence[str], vectors: Collection[str]) -> Iterator[str]:
 
 
 def main() -> None:
-    """Entry point of the console script."""
+    """Run the command line: the entry point of the console script."""
     if sys.stdout is None:  # closed by the caller
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
-    # New objects: to look for garbage sooner is a tenth of the time of imports and of expressions.
+    # Number of new objects between searches for garbage, which by default take a tenth of the time
+    # of imports and expressions.
     gc.set_threshold(200_000)
     words = [word for word in sys.argv[1:] if word != _TRACEBACK]
     if "--json" in words:
@@ -234,6 +236,7 @@ def main() -> None:
 
 
 def _failure_of_own_code(error: BaseException) -> str:
+    """Describe an error that the user's own code raised; empty where it did not."""
     own_code = sys.modules.get("uvms_ocp.scenario.own_code")
     if own_code is None:
         return ""

@@ -1,5 +1,5 @@
-"""``cache``; what is being compiled, where a command shows what it does, and what the compiler's
-log has to say beside it.
+"""The command ``cache``, and how other commands show what is being compiled and what the compiler
+warns of.
 """
 
 from __future__ import annotations
@@ -23,24 +23,25 @@ _LINES = cast(logging.Handler, logging.lastResort)
 
 @contextmanager
 def show_compilation(show: Callable[[str], None]) -> Iterator[None]:
-    """Give `show`, inside, what is being compiled, in a few words."""
+    """Call `show` with a few words about each library that is compiled in the block."""
 
-    def look(record: logging.LogRecord) -> bool:
+    def show_progress(record: logging.LogRecord) -> bool:
         if record.levelno < logging.WARNING:
             show(record.getMessage())
         return True
 
     former_level = _LOGGER.level
-    _LOGGER.addFilter(look)
+    _LOGGER.addFilter(show_progress)
     _LOGGER.setLevel(logging.INFO)
     try:
         yield
     finally:
-        _LOGGER.removeFilter(look)
+        _LOGGER.removeFilter(show_progress)
         _LOGGER.setLevel(former_level)
 
 
 def _warns(record: logging.LogRecord) -> bool:
+    """Check that a line of the log is a warning, not progress."""
     from uvms_ocp.codegen.compiler_log import PROGRESS  # which has logged it
 
     return not getattr(record, PROGRESS, False)
@@ -48,10 +49,10 @@ def _warns(record: logging.LogRecord) -> bool:
 
 @contextmanager
 def warned_behind_errors() -> Iterator[None]:
-    """Inside goes a command. Whatever made it slower is said on stderr, but an error is the only
-    line there.
+    """Run a command in the block, and print on stderr whatever of compilation made it slower, unless
+    it ends with an error, which is then the only line.
 
-    On a terminal it is said at once, with what is being compiled, and an error comes last.
+    On a terminal warnings are printed at once, with what is being compiled, and an error comes last.
     """
     if sys.stderr is not None and sys.stderr.isatty():
         handler: logging.Handler = _LINES  # which Rich puts above its bars

@@ -1,5 +1,5 @@
-"""Spell elementwise operations alike for NumPy arrays and CasADi expressions; every function
-answers in kind.
+"""Elementwise operations on NumPy arrays and CasADi expressions alike; every function returns the
+kind that it is given.
 
 Arguments are of any one shape, (...), and of any one unit, [any], where nothing else is said.
 """
@@ -30,7 +30,7 @@ def clipped(y: Array, lower: Array, upper: Array) -> Array:
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
-    """`if_true` or `if_false`, (...) [any], entry by entry, as the condition (...) is.
+    """Choose `if_true` or `if_false`, (...) [any], entry by entry, by the condition (...).
 
     A scalar stands for all entries, infinity included. What is not selected may be NaN.
     """
@@ -40,42 +40,43 @@ def where(condition: Array, if_true: Array, if_false: Array) -> Array:
 
 
 def logical_and(a: Array, b: Array) -> Array:
-    """True where both a (...) and b (...) are."""
+    """Return true where both a (...) and b (...) are true."""
     if is_symbolic(a, b):
         return ca.logic_and(a, b)
     return a & b
 
 
 def logical_or(a: Array, b: Array) -> Array:
-    """True where a (...) or b (...) is."""
+    """Return true where a (...) or b (...) is true."""
     if is_symbolic(a, b):
         return ca.logic_or(a, b)
     return a | b
 
 
 def all_entries(condition: Array) -> Array:
-    """True if the condition (...) holds for all entries, also where there are none."""
+    """Return true if the condition (...) holds for all entries, or there are none."""
     if is_symbolic(condition):
         return ca.sum1(ca.vec(condition)) >= condition.numel()
     return condition.all()
 
 
 def row_sums(matrix: Array) -> Array:
-    """Column (m,) of the sums of the rows of a matrix (m, n) [any]."""
+    """Return the sums (m,) of the rows of a matrix (m, n) [any]."""
     if is_symbolic(matrix):
         return ca.sum2(matrix)
     return matrix.sum(axis=1)
 
 
 def _spread(value: Array, condition: Array) -> Array:
+    """Return a number as an expression of the shape of the condition."""
     if is_symbolic(value):
         return value
     return value * ca.DM.ones(condition.shape)
 
 
 def interval_distance(y: Array, lower: Array, upper: Array) -> Array:
-    """Signed distance of y to [lower, upper], entry by entry: negative below, 0 inside; NaN where y
-    is.
+    """Compute the signed distance of y to [lower, upper], entry by entry: negative below, 0 inside,
+    NaN where y is.
 
     y, lower and upper (...) [unit of y].
     """
@@ -83,8 +84,7 @@ def interval_distance(y: Array, lower: Array, upper: Array) -> Array:
 
 
 def interval_excess(y: Array, lower: Array, upper: Array) -> Array:
-    """Return by how much y is outside of [lower, upper], entry by entry, on either side; NaN where
-    y is.
+    """Compute the distance of y to [lower, upper], entry by entry: 0 inside, NaN where y is.
 
     y, lower and upper (...) [unit of y].
     """

@@ -128,7 +128,7 @@ def turn_maps(angle: Vector, E: Vector, J: Vector) -> None:
 
 
 def active(filter: FilterMemory) -> int:
-    """Return the rows of the covariance that are in use."""
+    """Return the number of rows of the covariance that are in use."""
     slot = filtering.SLOTS - 1
     while slot >= 0 and filter.owner[slot] < 0.0:
         slot -= 1
@@ -136,8 +136,8 @@ def active(filter: FilterMemory) -> int:
 
 
 def clear(filter: FilterMemory, i: int, n: int, variance: float) -> None:
-    """Take entry i out of all correlations among the first n and give it a variance [square of its
-    unit].
+    """Remove all correlations of entry i with the first n entries, and set its variance [square of
+    its unit].
     """
     for j in range(i):
         filter.P[j][i] = 0.0
@@ -174,18 +174,18 @@ def mean_variance(filter: FilterMemory, first: int) -> float:
 
 
 def is_determined(variance: float, largest: float) -> bool:
-    """Return whether a variance is within the largest [square of a unit, both]; below zero rounding
-    has eaten it.
+    """Check whether a variance is between zero and the largest [square of a unit, both]; rounding may
+    have made it negative.
     """
     return 0.0 <= variance <= largest
 
 
 def response_variance(filter: FilterMemory, change: float) -> float:
     """Return the variance of a velocity after a tick in which the commanded one made a change [m/s,
-    rad/s]: the faster, the less it follows.
+    rad/s]: the faster the change, the less closely it is followed.
 
-    That of an error with the time constant of the response and a standard deviation in proportion
-    to the asked acceleration: a share of a step, however it is divided into ticks.
+    The error has the time constant of the response and a standard deviation in proportion to the
+    commanded acceleration, so that it is a share of a step, however that is divided into ticks.
     """
     drive = filter.drive[ProcessNoise.REPLY] * change
     if filter.dt > 0.0:
@@ -233,6 +233,7 @@ def predict(filter: FilterMemory) -> None:
 
 
 def _follow(filter: FilterMemory) -> None:
+    """Change the estimated velocity by as much as the commanded one has changed."""
     R = zeros(9)
     commanded = zeros(3)
     rotation(filter.turn, R)
@@ -246,6 +247,7 @@ def _follow(filter: FilterMemory) -> None:
 
 
 def _change(filter: FilterMemory, i: int, change: float) -> None:
+    """Add a commanded change to entry i of the state, with the variance of the response to it."""
     filter.x[i] += change
     filter.P[i][i] += response_variance(filter, change)
 
@@ -301,9 +303,9 @@ def _diffuse(filter: FilterMemory, dt: float, J: Vector) -> None:
     dt2 = dt * dt
     jerk = filter.jerk_share * filter.drive[ProcessNoise.JERK]
     spin = filter.drive[ProcessNoise.ANGULAR_JERK]
-    third = zeros(
-        9
-    )  # covariance (3, 3), row by row, of a value and its derivatives after white noise of the third
+    # Covariance (3, 3), row by row, of a value and its two derivatives, driven by white noise in the
+    # third one for a tick.
+    third = zeros(9)
     third[0] = dt2 * dt2 * dt / 20.0
     third[1] = dt2 * dt2 / 8.0
     third[2] = dt2 * dt / 6.0
@@ -349,8 +351,8 @@ def _relief(filter: FilterMemory) -> float:
 
 
 def _forget_unknown(filter: FilterMemory, n: int) -> None:
-    """Bound variances by `limit`: no growth beyond it, and no correlation if a reading can set the
-    part.
+    """Bound variances by `limit`, and reset entries that are not finite; parts that a reading can
+    set lose their correlations.
     """
     for i in range(MAIN):
         largest_variance = filter.limit[i] * filter.limit[i]
@@ -374,12 +376,12 @@ def _forget_unknown(filter: FilterMemory, n: int) -> None:
 
 
 def inflate_velocity_variance(filter: FilterMemory, rests: bool) -> None:
-    """Inflate the variance of the linear velocity to anything that vehicles do. A kernel.
+    """Inflate the variance of the linear velocity to that of any motion that vehicles make.
 
-    It has been so for `EXPOSED_FOR`, and the position that it was carried on with is wrong along
-    with it: were that right, the next fix would be explained by a velocity of the last tick alone.
-    rests: it was right until its readings ended; from here on it and the acceleration are taken for
-    zero, as what is carried on without readings leads ever farther astray.
+    The velocity is taken to have been wrong for `EXPOSED_FOR`, and the position that was integrated
+    from it with it: were the position right, the next fix would be explained by the velocity of the
+    last tick alone. rests: the velocity was right until its readings ended; velocity and
+    acceleration are zero from now on, as extrapolation without readings leads ever farther astray.
     """
     variance = filtering.EXPOSED * filtering.EXPOSED
     way = filtering.EXPOSED_FOR
@@ -547,8 +549,8 @@ def recall_measurement(filter: FilterMemory, channel: int, slot: int, n: int) ->
 
 
 def factorise(predicted: PredictedMeasurement, more: float, n: int) -> None:
-    """Find the lower factor of S + more [square of its unit] on its diagonal, which bounds the
-    pivots but for rounding.
+    """Find the lower Cholesky factor of S with `more` [square of its unit] added to its diagonal;
+    pivots that rounding makes smaller than `more` are set to it.
     """
     for j in range(n):
         for i in range(j, n):
@@ -570,14 +572,14 @@ def divide(predicted: PredictedMeasurement, n: int, x: Vector) -> None:
 
 
 def second_derivative(filter: FilterMemory, channel: int, i: int) -> float:
-    """Return entry i of the second derivative of what a channel that sets a part sees."""
+    """Return entry i of the second derivative of the part of the state that a channel sets."""
     if channel == ChannelIndex.ATTITUDE:
         return filter.x[Part.SPIN_UP + i]
     return filter.x[Part.ACCELERATION + (i if filtering.rows_of(channel) == 3 else 2)]
 
 
 def process_variance(filter: FilterMemory, channel: int, age: float) -> float:
-    """Return the variance of the way since a reading of an age [s], by the predicted measurement."""
+    """Return the variance of the change of a measurement since a reading of an age [s]."""
     turns = channel == ChannelIndex.ATTITUDE
     squared = age * age
     drive = filter.drive[ProcessNoise.ANGULAR_JERK if turns else ProcessNoise.JERK]

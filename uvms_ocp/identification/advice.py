@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from uvms_ocp.identification import uncertainty
 
-_SHARES = 3  # of a combination, the largest first, that are told of
+_SHARES = 3  # largest shares of a combination for which there is advice
 _DRAGS = frozenset({"linear_drag", "quadratic_drag"})
 _BODY = frozenset({"mass", "second_moment"})
 _DRIVEN = frozenset({"added_mass", "volume"}) | _DRAGS | _BODY
@@ -54,7 +54,7 @@ _TILTS = {
 
 
 def advice(direction: uncertainty.UnidentifiableDirection) -> str:
-    """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
+    """Name the motion or measurement that would determine a combination, such as ``drive yaw fast``."""
     shares = [name.partition(" ")[::2] for name, _ in direction.shares[:_SHARES]]
     special = _of_all(shares)
     if special is not None:
@@ -64,8 +64,8 @@ def advice(direction: uncertainty.UnidentifiableDirection) -> str:
 
 
 def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
-    """Advice for numbers of which only a combination is undetermined; `None` if there is no special
-    one.
+    """Return the advice for numbers of which only a combination is undetermined; `None` where that of
+    the single numbers serves.
     """
     quantities = frozenset(quantity for quantity, _ in shares)
     entries = {entry for _, entry in shares}

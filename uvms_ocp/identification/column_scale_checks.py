@@ -55,15 +55,15 @@ def of_columns(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def height_scale(recording: Recording) -> float | None:
-    """Return the factor by which the height changes faster than by the velocity; `None` where it is
+    """Return the ratio of changes of height to those that the velocity tells of; `None` where it is
     not known.
     """
     if not {"attitude", "position", "linear_velocity"} <= recording.channels.keys():
         return None
-    ways = displacements(recording)
-    if ways is None:
+    moves = displacements(recording)
+    if moves is None:
         return None
-    return _column_factor(ways.by_velocity[:, 2], ways.by_position[:, 2], _MIN_MOTION)
+    return _column_factor(moves.by_velocity[:, 2], moves.by_position[:, 2], _MIN_MOTION)
 
 
 def displacements(recording: Recording) -> Displacements | None:
@@ -83,8 +83,12 @@ def displacements(recording: Recording) -> Displacements | None:
     t_velocity, smooth = smoothed(velocity.undelayed_t, velocity.values, WINDOW)
     in_body = interpolated(t, t_velocity, smooth)
     in_world = np.einsum("nij,nj->ni", rotations(attitude, t), in_body)
-    way = np.vstack([np.zeros(3), GRID * np.cumsum((in_world[1:] + in_world[:-1]) / 2, axis=0)])
-    return Displacements(by_position=places[n:] - places[:-n], by_velocity=way[n:] - way[:-n])
+    travelled = np.vstack(
+        [np.zeros(3), GRID * np.cumsum((in_world[1:] + in_world[:-1]) / 2, axis=0)]
+    )
+    return Displacements(
+        by_position=places[n:] - places[:-n], by_velocity=travelled[n:] - travelled[:-n]
+    )
 
 
 def _column_factor(expected: np.ndarray, measured: np.ndarray, min_motion: float) -> float | None:
@@ -100,12 +104,14 @@ def _column_factor(expected: np.ndarray, measured: np.ndarray, min_motion: float
 
 def _of_position(recording: Recording) -> Iterator[str]:
     """Yield doubts about columns of a position, where not all have the same factor."""
-    ways = displacements(recording)
-    if ways is None:
+    moves = displacements(recording)
+    if moves is None:
         return
     factors = []
     for k in range(3):
-        factors.append(_column_factor(ways.by_velocity[:, k], ways.by_position[:, k], _MIN_MOTION))
+        factors.append(
+            _column_factor(moves.by_velocity[:, k], moves.by_position[:, k], _MIN_MOTION)
+        )
     horizontal = [factor for factor in factors[:2] if factor is not None]
     if horizontal and _is_foreign(float(np.median(np.abs(horizontal)))):
         return  # the whole channel is in another unit
@@ -127,17 +133,17 @@ def _of_position(recording: Recording) -> Iterator[str]:
 
 
 def _is_foreign(factor: float) -> bool:
-    """Check that a factor is that of another unit."""
+    """Check whether a factor is that of another unit."""
     return factor > _FOREIGN_UNIT or factor < 1.0 / _FOREIGN_UNIT
 
 
 def _are_same(factors: Sequence[float]) -> bool:
-    """Check that there are factors, and that all are nearly 1."""
+    """Check whether there are factors, all of them nearly 1."""
     return bool(factors) and all(1.0 / _SAME_UNIT < factor < _SAME_UNIT for factor in factors)
 
 
 def _unit_of_column(k: int, factor: float, heights: np.ndarray) -> Iterator[str]:
-    """Yield the unit of column k that changes by a factor [unit/m]."""
+    """Yield a doubt that names the unit of column k, which changes by `factor` [unit/m]."""
     axis = "xyz"[k]
     beside = f"{axis} alone is {factor:.3g} times the way that the velocity says"
     unit = ""
@@ -162,7 +168,7 @@ def _unit_of_column(k: int, factor: float, heights: np.ndarray) -> Iterator[str]
 
 
 def _presses(pressures: np.ndarray, unit: str) -> bool:
-    """Check that pressures (n,) [unit] have the air's in them."""
+    """Check whether pressures (n,) [unit] include that of the air."""
     return read_in(unit, pressures).air > 0.0
 
 
@@ -173,7 +179,7 @@ def _is_nearest(factor: float, unit: str) -> bool:
 
 
 def _of_pressure(beside: str, unit: str, sign: float, heights: np.ndarray) -> str:
-    """Say that heights (n,) [unit] are pressures of a sign."""
+    """Write the doubt that heights (n,) [unit] are pressures of a sign."""
     reading = read_in(unit, sign * heights)
     return f"{beside}: in {unit} of pressure, {reading.evidence}? give {reading.keys(sign)}"
 

@@ -17,14 +17,14 @@ from uvms_ocp.identification.series_agreement import (
     offset,
 )
 
-_MOVING_JOINT = 0.01  # [rad/s, m/s] standard deviation; less says nothing
-_DOUBTFUL = 0.5  # correlation below which a joint may be another
-_BETTER = 0.3  # by which that must fit better
+_MOVING_JOINT = 0.01  # [rad/s, m/s] standard deviation of rates from which on a joint moves
+_DOUBTFUL = 0.5  # correlation below which a velocity may be that of another joint
+_BETTER = 0.3  # by which the correlation with that joint must be higher
 
 
 def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     """Yield doubts about positions and velocities of joints: their order, signs, units and clocks,
-    and joints that are dead in one of both.
+    and joints of which one of the two never changes.
     """
     if not {"joint_positions", "joint_velocities"} <= recording.channels.keys():
         return

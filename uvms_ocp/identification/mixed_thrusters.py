@@ -24,7 +24,7 @@ _MIN_EXPLAINED = 0.4
 """Share of the driven axes that changed thrusters must explain: thrust that holds a vehicle against
 waves pushes against its motion.
 """
-_MAX_CHANGES = 4  # that are looked for, one after the other
+_MAX_CHANGES = 4  # changes that are looked for, one after the other
 
 
 def mixed_thrusters(
@@ -65,12 +65,12 @@ def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray
     """
     held = ZeroOrderHold(thrust)
     commands = np.array([commanded(held, motion, shift) for shift in SHIFTS[MAY]])
-    size = np.maximum(np.linalg.norm(motion.acceleration, axis=0), 1e-300)
-    common = (motion.acceleration / size).T @ commands
+    acceleration_size = np.maximum(np.linalg.norm(motion.acceleration, axis=0), 1e-300)
+    correlations = (motion.acceleration / acceleration_size).T @ commands
     gram = commands.swapaxes(1, 2) @ commands
 
     def agreement(B: np.ndarray) -> float:
-        along = (B * common).sum(axis=2)
+        along = (B * correlations).sum(axis=2)
         size = np.sqrt(np.maximum(np.einsum("ij,mjk,ik->mi", B, gram, B), 0.0))
         is_pushed = size > 1e-9 * max(float(size.max()), 1e-300)
         cosine = np.where(is_pushed, along / np.where(is_pushed, size, 1.0), 0.0)

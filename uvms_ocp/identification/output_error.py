@@ -34,17 +34,17 @@ from uvms_ocp.identification.rollout import (
 from uvms_ocp.identification.segments import Segment
 from uvms_ocp.robot.spatial import quaternion_conjugate, quaternion_log, quaternion_multiply
 
-_NEARLY_NONE = 1e-9  # damping of a Gauss-Newton step
-_PROMISED = 30.0
-"""Factor of the tolerance: a search that an undamped step promises to lower by more has not
-converged, however little its last step gained.
+_LEAST_DAMPING = 1e-9  # damping of a Gauss-Newton step
+_PROMISED_GAIN = 30.0
+"""Gain, in tolerances, above which a search has not converged where an undamped step promises it,
+however little the last step gained.
 """
-_MOST_STEPS = 4_000  # of segments simulated at once: they take tens of megabytes
+_MAX_STEPS = 4_000  # of segments simulated at once: they take tens of megabytes
 
 
 class OutputErrorProblem:
-    """Least-squares problem of a vehicle and segments of recordings; those of a recording follow each
-    other.
+    """Least-squares problem of a vehicle and segments of recordings; the segments of one recording
+    follow each other.
     """
 
     def __init__(
@@ -62,8 +62,8 @@ class OutputErrorProblem:
         self._recordings = [
             tuple(group) for _, group in groupby(segments, key=lambda segment: segment.recording)
         ]
-        self._n = len(vehicle.shared.start)
-        self._m = len(vehicle.per_recording.start)
+        self._n_shared = len(vehicle.shared.start)
+        self._n_per_recording = len(vehicle.per_recording.start)
         self._sigma = noise.velocity, noise.rate, noise.vertical
         self.progress: Callable[[str], None] = lambda _: None  # gets a line before each step
 
@@ -101,7 +101,7 @@ class OutputErrorProblem:
         if blocks is None:
             blocks = self.blocks(point)
         try:
-            next_point = self._moved(point, blocks, _NEARLY_NONE, frozen=False)
+            next_point = self._moved(point, blocks, _LEAST_DAMPING, frozen=False)
         except np.linalg.LinAlgError:  # there is no such step
             return point, self._total(point, [block.cost for block in blocks])
         with np.errstate(all="ignore"):
@@ -143,7 +143,7 @@ class OutputErrorProblem:
             if gain < tolerance and (n_done > frozen or frozen >= iterations):
                 # A step that damping held back gains little anywhere.
                 is_frozen = frozen >= iterations
-                if is_frozen or self._promised_gain(point, blocks) < _PROMISED * tolerance:
+                if is_frozen or self._promised_gain(point, blocks) < _PROMISED_GAIN * tolerance:
                     status = FitStatus.CONVERGED
                     break
         return self._estimate(point, blocks, status, n_done)
@@ -156,7 +156,7 @@ class OutputErrorProblem:
         Newton's decrement), whatever the steps that led there. Unknowns that a bound stops do not
         count.
         """
-        if not self._n:
+        if not self._n_shared:
             return 0.0
         if not self._is_solvable(point, blocks):
             return np.inf
@@ -169,7 +169,7 @@ class OutputErrorProblem:
         at_lower = (point.shared <= shared.lower) & (g > 0.0)
         at_upper = (point.shared >= shared.upper) & (g < 0.0)
         is_free = ~(at_lower | at_upper)
-        stiffness = H[np.ix_(is_free, is_free)] + _NEARLY_NONE * np.eye(int(is_free.sum()))
+        stiffness = H[np.ix_(is_free, is_free)] + _LEAST_DAMPING * np.eye(int(is_free.sum()))
         try:
             step = np.linalg.solve(stiffness, g[is_free])
         except np.linalg.LinAlgError:  # a step of any length
@@ -181,8 +181,8 @@ class OutputErrorProblem:
     def _step(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
     ) -> tuple[SearchPoint, float, float, list[NormalEquations]] | None:
-        """Find a step that lowers the cost (Levenberg-Marquardt); returns point, damping, cost and
-        problem, all finite.
+        """Find a step that lowers the cost (Levenberg-Marquardt); return the point after it, the next
+        damping, the cost and the normal equations, all finite; `None` where there is no such step.
         """
         present_cost = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
@@ -194,19 +194,19 @@ class OutputErrorProblem:
             next_blocks = self.blocks(next_point)  # with slopes, as most steps are taken
             cost = self._total(next_point, [block.cost for block in next_blocks])
             if np.isfinite(cost) and cost < present_cost and are_finite(next_blocks):
-                return next_point, max(damping / 5.0, _NEARLY_NONE), cost, next_blocks
+                return next_point, max(damping / 5.0, _LEAST_DAMPING), cost, next_blocks
             damping *= 8.0
         return None
 
     def _moved(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
     ) -> SearchPoint:
-        """Take one damped step, within the bounds of the unknowns; frozen: of starts and unknowns of
-        single recordings alone.
+        """Take one damped step, within the bounds of the unknowns; frozen: shared unknowns stay, and
+        only starts and unknowns of single recordings move.
         """
         H, g, eliminations = self._reduced(point, blocks, damping)
-        change = np.zeros(self._n)
-        if not frozen and self._n:
+        change = np.zeros(self._n_shared)
+        if not frozen and self._n_shared:
             damped = H + damping * np.diag(np.diag(H) + 1e-9)
             if self._penalty is not None:
                 penalty_H, penalty_g = self._penalty.normal(point.shared)
@@ -220,8 +220,8 @@ class OutputErrorProblem:
         starts = []
         for k, elimination in enumerate(eliminations):
             local = elimination(change)
-            per_recording.append(point.per_recording[k] + local[: self._m])
-            start_changes = np.clip(local[self._m :].reshape(-1, N_START), -0.5, 0.5)
+            per_recording.append(point.per_recording[k] + local[: self._n_per_recording])
+            start_changes = np.clip(local[self._n_per_recording :].reshape(-1, N_START), -0.5, 0.5)
             moved = []
             for start, start_change in zip(point.starts[k], start_changes, strict=True):
                 moved.append(start.moved(start_change))
@@ -235,7 +235,7 @@ class OutputErrorProblem:
         those of the others.
         """
         weight = 1.0 / self._vehicle.shared.sigma**2
-        parts = [block.without_starts(damping, self._n) for block in blocks]
+        parts = [block.without_starts(damping, self._n_shared) for block in blocks]
         H = np.diag(weight) + sum(part[0] for part in parts)
         prior_gradient = weight * (point.shared - self._vehicle.shared.start)
         g = prior_gradient + sum(part[1] for part in parts)
@@ -287,8 +287,8 @@ class OutputErrorProblem:
     def _simulated(
         self, point: SearchPoint, *, slopes: bool = False
     ) -> list[list[PredictedOutputs]]:
-        """Simulate the segments of every recording: those with equally many steps together, as many
-        at once as memory is to hold.
+        """Simulate the segments of every recording, those of equally many steps in batches whose
+        size memory allows.
         """
         jobs = []
         for recording, segments in enumerate(self._recordings):
@@ -300,7 +300,7 @@ class OutputErrorProblem:
             places_by_length[len(job.segment.edges)].append(place)
         predictions: dict[int, PredictedOutputs] = {}
         for n_edges, places in places_by_length.items():
-            n_at_once = max(1, _MOST_STEPS // n_edges)
+            n_at_once = max(1, _MAX_STEPS // n_edges)
             for first in range(0, len(places), n_at_once):
                 batch = places[first : first + n_at_once]
                 outputs = self._simulated_batch([jobs[place] for place in batch], slopes=slopes)
@@ -313,7 +313,9 @@ class OutputErrorProblem:
     def _simulated_batch(
         self, jobs: Sequence[_SegmentJob], *, slopes: bool
     ) -> Iterator[PredictedOutputs]:
-        """Simulate segments of equally many steps; yield the loss of their rows, not the rows."""
+        """Simulate segments of equally many steps; yield their predictions with the loss of the rows
+        in place of the rows.
+        """
         segments = [job.segment for job in jobs]
         starts = [job.start for job in jobs]
         unknowns = np.array([job.unknowns for job in jobs])
@@ -382,8 +384,8 @@ class OutputErrorProblem:
         self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]
     ) -> NormalEquations:
         """Build the normal equations of recording k from its simulated segments."""
-        n = self._n
-        size = self._n + self._m
+        n = self._n_shared
+        size = self._n_shared + self._n_per_recording
         slope_back = -1.0 / self._noise.process
         priors = self._vehicle.per_recording
         weight = 1.0 / priors.sigma**2
@@ -405,7 +407,7 @@ class OutputErrorProblem:
             hessians[1:, size:, :size] += slope_back * J[:, :, :size]
             gradients[:-1] += np.einsum("lij,li->lj", J, gap)
             gradients[1:, size:] += slope_back * gap
-        # Both, one under the other: row i of a column of the band is the entry i places below the
+        # Lower band of the starts' matrix: row i of a column is the entry i places below the
         # diagonal.
         band = np.zeros((3 * N_START, len(outputs), N_START))
         band[:N_START] = np.moveaxis(hessians[:, size:, size:], 1, 0)
@@ -445,8 +447,8 @@ class Estimate:
     iterations: int
     """Number of steps that were taken."""
     assumed: np.ndarray | float = 0.0
-    """(n, n) [unknowns^2] covariance from other sources than noise: the step of the simulation and
-    assumed constants.
+    """(n, n) [unknowns^2] covariance from sources other than noise: the step of the simulation, and
+    constants that were assumed.
     """
 
 
@@ -547,9 +549,11 @@ class _SegmentJob:
     recording: int
     """Index of its recording."""
     segment: Segment
+    """Inputs and measurements along it."""
     start: SegmentStart
+    """State at which it begins."""
     unknowns: np.ndarray
-    """(n + m,) [as `Unknowns.start`] shared ones, then those of the recording."""
+    """(n + m,) [as `Unknowns.start`] shared unknowns, then those of the recording."""
 
 
 def _measured_start(segment: Segment) -> SegmentStart:

@@ -1,8 +1,8 @@
 """Fit vehicles that have seen the predicted recordings: their fits bound those of predictions.
 
-One vehicle is identified on all recordings that are predicted together; what it misses of them no
-single vehicle of this model explains. Each recording also gets a separate vehicle, with what it has
-for itself (current, trim); by how much that explains more is what differs between recordings.
+One vehicle is identified on all predicted recordings together: no single vehicle of this model
+explains more of them. Each recording also gets a separate vehicle, with current and trim of its own;
+what that explains beyond the common one is what differs between recordings.
 Searches begin where the vehicle was identified and have its noise, segments and priors.
 """
 
@@ -110,6 +110,6 @@ def _refitted(identified: FitContext, recordings: Sequence[PreparedRecording]) -
 def _with_fitted_recording(fitted: FitContext, recording: str) -> Predictor:
     """Make a predictor whose unknowns of a recording are held as identified, not as declared."""
     unknowns = fitted.vehicle.per_recording
-    all_of_them = np.ones(len(unknowns.start), dtype=bool)
-    held_unknowns = unknowns.believed(fitted.estimate.per_recording[recording]).held(all_of_them)
+    is_held = np.ones(len(unknowns.start), dtype=bool)
+    held_unknowns = unknowns.believed(fitted.estimate.per_recording[recording]).held(is_held)
     return replace(fitted.predictor(), vehicle=replace(fitted.vehicle, per_recording=held_unknowns))

@@ -17,17 +17,17 @@ from uvms_ocp.identification.resampling import angular_rate, smoothed
 from uvms_ocp.identification.series_agreement import DEAD, MOVES, WINDOW
 
 _SHORTEST_RECORDING = 5.0  # [s] that all channels must have in common
-_SPARSEST = 100.0  # times its usual interval for each sample, which a channel may last at most
+_SPARSEST = 100.0  # largest mean interval of a channel, in its usual intervals
 
 # Intervals between samples.
 _SHORTEST = 1e-5  # [s] of any sensor
 _LIKELY = 0.05  # [s] of any sensor
 _LONGEST = 5.0  # [s] of any sensor
 _GAP = 8.0  # usual intervals that a gap is longer than
-_BURST = 0.5  # share of the mean interval below which the usual one is where messages were held up
-_OFTEN = 0.02  # share of all intervals from which on gaps are what bursts leave
+_BURST = 0.5  # share of the mean interval below which the usual one tells of messages held up
+_OFTEN = 0.02  # share of all intervals from which on gaps, or pairs of samples, are no accident
 _AT_ONCE = 0.05  # share of the usual interval within which a sample follows another at once
-_REPORTED_REPEATS = 10  # samples for each that has the time of another, from which on it is said
+_REPORTED_REPEATS = 10  # one sample in so many with the time of another is reported
 _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
 """Channels that may be recorded only when they change."""
 
@@ -90,11 +90,11 @@ def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def has_times(channel: Channel) -> bool:
-    """Check whether its times are such that rates can be taken."""
-    usual = float(np.median(np.diff(channel.t)))
+    """Check whether the times of a channel are such that rates can be taken."""
+    usual_interval = float(np.median(np.diff(channel.t)))
     span = channel.t[-1] - channel.t[0]
-    longest = _SPARSEST * usual * len(channel.t)
-    return bool(_SHORTEST < usual < _LONGEST and _SHORTEST_RECORDING < span < longest)
+    longest_span = _SPARSEST * usual_interval * len(channel.t)
+    return bool(_SHORTEST < usual_interval < _LONGEST and _SHORTEST_RECORDING < span < longest_span)
 
 
 def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
@@ -102,10 +102,10 @@ def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
     position = recording.channels.get("position")
     attitude = recording.channels.get("attitude")
     if position is not None and not any(_far_off("position", position)):
-        is_pressure = position.values[:, 2].min() > PRESSURE
+        is_pressure_in_z = position.values[:, 2].min() > PRESSURE
         places = position.values
         labels = CHANNEL_KINDS["position"].columns
-        if is_pressure:
+        if is_pressure_in_z:
             places = places[:, :2]
             labels = ()
         _, rate = smoothed(position.undelayed_t, places, WINDOW, derivative=1)
@@ -127,52 +127,52 @@ def _times(name: str, channel: Channel) -> Iterator[str]:
             " few digits?"
         )
     steps = np.diff(channel.t)
-    usual = float(np.median(steps))
-    gaps = steps > max(_GAP * usual, WINDOW / 2)
-    pairs = _pairs(channel)
+    usual_interval = float(np.median(steps))
+    gaps = steps > max(_GAP * usual_interval, WINDOW / 2)
+    share_of_pairs = _pairs(channel)
     is_regular = name not in _SELDOM
-    if pairs > _OFTEN:
+    if share_of_pairs > _OFTEN:
         yield (
-            f"{100 * pairs:.0f} % of its samples follow another at once and differ: two sensors?"
+            f"{100 * share_of_pairs:.0f} % of its samples follow another at once and differ: two sensors?"
             " give rows: {NAME: VALUE}"
         )
-    elif is_regular and not _SHORTEST < usual < _LONGEST:
-        unit = min(SECONDS, key=lambda unit: abs(np.log(usual * SECONDS[unit] / _LIKELY)))
+    elif is_regular and not _SHORTEST < usual_interval < _LONGEST:
+        unit = min(SECONDS, key=lambda unit: abs(np.log(usual_interval * SECONDS[unit] / _LIKELY)))
         cure = f" give time_unit: {unit}" if unit != "s" else ""
-        yield f"{usual:.3g} s between samples: the unit of its times?{cure}"
-    elif usual < _BURST * steps.mean() and gaps.mean() > _OFTEN:
+        yield f"{usual_interval:.3g} s between samples: the unit of its times?{cure}"
+    elif usual_interval < _BURST * steps.mean() and gaps.mean() > _OFTEN:
         yield (
-            f"arrives in bursts, half of the intervals below {usual:.3g} s: give sent_every:"
+            f"arrives in bursts, half of the intervals below {usual_interval:.3g} s: give sent_every:"
             f" {steps.mean():.3g}, their mean"
         )
-    elif gaps.any() and (is_regular or np.percentile(steps, _FOR_LONG) < 2 * usual):
-        at = channel.t[int(np.argmax(steps))]
+    elif gaps.any() and (is_regular or np.percentile(steps, _FOR_LONG) < 2 * usual_interval):
+        gap_time = channel.t[int(np.argmax(steps))]
         yield (
-            f"{gaps.sum()} gaps, the longest {steps.max():.3g} s at {at:.3g} s: lost, or a clock"
+            f"{gaps.sum()} gaps, the longest {steps.max():.3g} s at {gap_time:.3g} s: lost, or a clock"
             " that was set?"
         )
 
 
 def _pairs(channel: Channel) -> float:
-    """Compute the share of samples that follow another at once, inside the usual interval, and differ
-    from it as much as that one from the last.
+    """Compute the share of samples that follow another at once, inside the usual interval, and
+    differ from it as much as it does from the sample before.
 
     In bursts of messages that were held up, samples that follow at once come after a longer silence.
     """
     steps = np.diff(channel.t)
     values = channel.values
-    usual = float(np.percentile(steps, 75))
-    close = np.flatnonzero(steps < _AT_ONCE * usual)
-    close = close[(close > 0) & (close < len(steps) - 1)]
-    both_intervals = steps[close - 1] + steps[close]
-    close = close[np.abs(both_intervals / usual - 1.0) < 0.5]
-    if not len(close):
+    usual_interval = float(np.percentile(steps, 75))
+    second = np.flatnonzero(steps < _AT_ONCE * usual_interval)
+    second = second[(second > 0) & (second < len(steps) - 1)]
+    both_intervals = steps[second - 1] + steps[second]
+    second = second[np.abs(both_intervals / usual_interval - 1.0) < 0.5]
+    if not len(second):
         return 0.0
-    deviations = np.abs(values[close + 1] - values[close]).max(axis=1)
-    moved = np.abs(values[close] - values[close - 1]).max(axis=1)
+    deviations = np.abs(values[second + 1] - values[second]).max(axis=1)
+    moved = np.abs(values[second] - values[second - 1]).max(axis=1)
     if np.median(deviations) < np.median(moved) / 2:
         return 0.0
-    return float((deviations > 0.0).mean() * len(close) / len(steps))
+    return float((deviations > 0.0).mean() * len(second) / len(steps))
 
 
 def _dead(name: str, channel: Channel) -> Iterator[str]:
@@ -223,15 +223,15 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
             else:
                 low = extreme
                 high = extreme
-            n = len(values) - len(remaining)
+            n_extreme = len(values) - len(remaining)
             gap = max(low - extreme, extreme - high)
             is_far = gap > max(_FAR * (high - low), _FARTHEST.get(name, 0.0))
-            if is_far and n < _FOR_LONG / 100 * len(values):
+            if is_far and n_extreme < _FOR_LONG / 100 * len(values):
                 cure = f"give missing: [{extreme:.10g}] where it stands for nothing"
-                if n == 1:
+                if n_extreme == 1:
                     cure = f"mistyped? {cure}"
                 yield (
-                    f"{label} is {extreme:.6g} in {n} of {len(values)} samples, all others"
+                    f"{label} is {extreme:.6g} in {n_extreme} of {len(values)} samples, all others"
                     f" {low:.3g} to {high:.3g}: {cure}"
                 )
 
@@ -301,8 +301,8 @@ def _too_fast(
     """Yield a doubt about values (n, k) [unit] that are larger than `fastest` for long; labels: names of
     the columns, to say which of them alone is.
     """
-    usual = float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))
-    if usual <= fastest:
+    usual_size = float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))
+    if usual_size <= fastest:
         return
     by_column = np.percentile(np.abs(values), _FOR_LONG, axis=0)
     is_fast = by_column > fastest
@@ -312,16 +312,16 @@ def _too_fast(
         factor = _FACTORS[likely_unit]
         scales = ", ".join(f"{factor:.10g}" if fast else "1" for fast in is_fast)
         yield (
-            f"{names} alone up to {usual:.3g} {unit} for a tenth of the time: {likely_unit}? give"
+            f"{names} alone up to {usual_size:.3g} {unit} for a tenth of the time: {likely_unit}? give"
             f" scale: [{scales}]"
         )
         return
-    yield f"up to {usual:.3g} {unit} for a tenth of the time: is it in {likely_unit}?"
+    yield f"up to {usual_size:.3g} {unit} for a tenth of the time: is it in {likely_unit}?"
 
 
 def _no_force(name: str, channel: Channel) -> Iterator[str]:
-    """Check for commands that look like pulses or shares; 0 is left out: motors that are off get
-    it.
+    """Check for commands that look like pulses or shares. Zeros do not count: motors that are off
+    get them.
     """
     if name == "propeller_commands":
         yield from _no_share(np.abs(channel.values))

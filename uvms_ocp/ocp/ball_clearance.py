@@ -23,9 +23,9 @@ from uvms_ocp.tasks.task import Residual, TickSymbols, bounded_residual
 from uvms_ocp.types import Finite, Magnitude
 
 _ROUNDING = 1e-12  # [m^2] so that a distance has a slope where centres meet
-_MEET = 1e-6  # [m]
+_MEET = 1e-6  # [m] distance below which centres meet
 _UP = np.array([0.0, 0.0, 1.0])
-_ASIDE = np.array([0.0, 1.0, 0.0])  # where the way is straight up
+_ASIDE = np.array([0.0, 1.0, 0.0])  # side on which a ball passes that goes straight up
 
 
 @checked_dataclass(eq=False)
@@ -40,9 +40,11 @@ class BallClearance(Term):
     name = "clearance"
     at: At = At.PATH
     robot_balls: tuple[Ball, ...]
+    """Balls of the robot."""
     obstacles: tuple[Ball, ...]
+    """Balls that it keeps away from, fixed to the world, to the robot or moving."""
     margin: Finite = 0.05
-    """[m]"""
+    """[m] distance to be kept."""
 
     def __post_init__(self) -> None:
         Term.__post_init__(self)
@@ -64,23 +66,27 @@ class BallClearance(Term):
     def _gap(
         self, ball: Ball, obstacle: Ball, place: ca.SX, side: ca.SX, symbols: TickSymbols
     ) -> ca.SX:
-        """Distance of the balls; with a side (3,), a direction in W, how far one is beyond the
-        other along it, which is never more.
+        """Compute the distance [m] of two balls, less the margin.
+
+        With a side (3,), a unit vector in W, the distance along that direction, which is never more
+        than the distance itself; a side of 0 stands for none. place (4,) [m]: centre of the
+        obstacle, and its radius with the margin.
         """
         centre = ball.placed(symbols, ca.SX(ca.DM(ball.centre_at(0.0))))
         obstacle_centre = obstacle.placed(symbols, place[:3])
         d = centre - obstacle_centre
         distance = ca.sqrt(ca.sumsqr(d) + _ROUNDING)
-        between = (1.0 - ca.sumsqr(side)) * distance + ca.dot(side, d)
-        return between - ball.radius - place[3]
+        centre_distance = (1.0 - ca.sumsqr(side)) * distance + ca.dot(side, d)
+        return centre_distance - ball.radius - place[3]
 
     @property
     def _pairs(self) -> list[tuple[Ball, int]]:
-        """Every ball of the robot with every obstacle, by its index."""
+        """Every ball of the robot with the index of every obstacle."""
         return list(product(self.robot_balls, range(len(self.obstacles))))
 
     @property
     def _n_places(self) -> int:
+        """Number of parameters that are places of obstacles; those of sides follow."""
         return 4 * len(self.obstacles)
 
     def n_parameters(self, robot: Robot) -> int:
@@ -96,18 +102,18 @@ class BallClearance(Term):
     def references(
         self, times: Sequence[float], q: np.ndarray, tightened: NodeMargins | None = None
     ) -> np.ndarray:
-        """Return `reference` at times (n,) [s], with the sides on which nodes pass thin things."""
+        """Return `reference` at times (n,) [s], with the sides on which nodes pass thin obstacles."""
         result = np.array([self.reference(t) for t in times])
         if tightened is None:
             return result
         for side in tightened.sides:
-            first = self._n_places + 3 * side.row
-            result[side.node, first : first + 3] = self._direction(tightened.robot, side)
+            begin = self._n_places + 3 * side.row
+            result[side.node, begin : begin + 3] = self._direction(tightened.robot, side)
         return result
 
     def _direction(self, robot: Robot, side: Side) -> np.ndarray:
-        """Return the direction (3,) in W across the way of the robot's ball past the obstacle, on
-        the side of a moment; as far up as can be where their centres meet.
+        """Return the unit vector (3,) in W across the way of the robot's ball past the obstacle, to
+        the side where the ball is at the given time; upwards where their centres meet.
         """
         d = self._way_apart(robot, side.row, side.time, side.q)
         way = self._way_apart(robot, side.row, side.later, side.q_later) - d
@@ -156,8 +162,9 @@ class Ball:
     velocity)``.
     """
     radius: Magnitude
-    """[m]"""
+    """[m] radius of the ball."""
     frame: str | None = None
+    """Name of the robot's frame that the ball is fixed to; `None` for the world."""
 
     def centre_at(self, t: float) -> np.ndarray:
         """Return the centre (3,) [m] in the frame at time t [s]. Raises `InvalidInput` for a
@@ -185,7 +192,7 @@ class Ball:
         return np.asarray(data.oMf[robot.frame_id(self.frame)].act(centre))
 
     def placed(self, symbols: TickSymbols, centre: ca.SX) -> ca.SX:
-        """Return the centre (3,) [m] in W, for one (3,) [m] in the frame."""
+        """Return the centre (3,) [m] in W of a ball whose centre in the frame is (3,) [m]."""
         if self.frame is None:
             return centre
         R, p = symbols.kinematics.pose(self.frame)

@@ -44,14 +44,18 @@ class LevelReport:
     """Outcome of one level."""
 
     name: str
+    """Name of the level."""
     status: str
+    """Status of its solve."""
     advice: str
+    """What to do about that status."""
     residual: float
     """Root of twice its cost, in the root of the unit of weighted rows squared: of the squares of
     the distances of weighted rows to their range at the ends of phases, and of the mean of these
     over the nominal time along the path. It is that of the motion, whatever the number of steps.
     """
     iterations: int
+    """Number of the solver's iterations."""
     prices: tuple[float, ...] = ()
     """Prices of the levels above: by how much the cost of this one, half the sum of squares of its
     rows, path terms as a mean over time, would fall for each unit of residual, as a norm, that the
@@ -90,27 +94,30 @@ class LevelVerdict(MetaValue):
     """Verdict on one level."""
 
     name: str
+    """Name of the level."""
     residual: float
     """Residual of the level, as `LevelReport.residual` defines it."""
     gain: Number | None
-    """By how much one more step would lower it, to first order, with the levels above held; `None`
-    where that is not known.
+    """Fall of the residual that one more step promises, to first order, with the levels above held;
+    `None` where that is not known.
     """
     missed: bool
-    """The level has goals, and they are not met."""
+    """True where the level has goals, and they are not met."""
     optimal: bool
-    """The level is met, or no step promises more than the tolerance."""
+    """True where the level is met, or no step promises more than the tolerance."""
 
 
 class VerdictReport(MetaValue):
     """Findings of the judge of a plan, and its tolerances and resolution."""
 
     tolerances: VerdictTolerances
+    """Tolerances by which the plan was judged."""
     levels: tuple[LevelVerdict, ...]
+    """Verdicts on all levels."""
     time_resolution: float
-    """[s] Between two looks inside a step, at most; where ranges are near it looks closer."""
+    """[s] Longest interval between samples inside a step; where ranges are near it is shorter."""
     unseen: Number | None
-    """[share of the tolerance] How much more than was seen may be left between two looks; `None`
+    """[share of the tolerance] Bound on the violation between samples beyond that at samples; `None`
     where something is no number.
     """
 
@@ -260,8 +267,8 @@ def trajectory_arrays(trajectory: Trajectory) -> dict[str, np.ndarray]:
 
 
 def stored_trajectory(robot: Robot, arrays: Arrays, *, of_wrench: bool) -> Trajectory:
-    """Return the trajectory of `trajectory_arrays`. Raises `InvalidInput` for arrays that are none
-    of this robot.
+    """Return the trajectory of `trajectory_arrays`. Raises `InvalidInput` for arrays that do not fit
+    this robot.
     """
     if "t" in arrays and arrays["t"].ndim == 1:
         n = len(arrays["t"])
@@ -317,8 +324,8 @@ def solver_values(result: LexicographicResult) -> SolverValues:
 
 
 def stored_result(values: SolverValues, arrays: Arrays) -> LexicographicResult:
-    """Return the result of `result_arrays` and `solver_values`. Raises `InvalidInput` for what does
-    not belong together.
+    """Return the result of `result_arrays` and `solver_values`. Raises `InvalidInput` for arrays and
+    values that do not belong together.
     """
     levels = range(len(values.level_status))
     try:

@@ -72,13 +72,15 @@ class Term(ABC):
     costs.
     """
     minimises_time: ClassVar[bool] = False
+    """Its cost is the duration."""
     has_sides: ClassVar[bool] = False
-    """Its references say on which side of a thin thing a node stays; see `NodeMargins.sides`."""
+    """Its references tell on which side of a thin obstacle a node stays; see `NodeMargins.sides`."""
     rows_are_quantities: ClassVar[bool] = True
     """The range is that of the rows themselves, not of something that they stand for."""
     needs_powers: ClassVar[bool] = False
     """Its rows are electrical powers."""
     at: At = At.END
+    """Nodes at which it counts."""
     weight: float = 1.0
     """[1/unit of the row^2] Factor on the squares of the rows, so that the rows are scaled by its
     root.
@@ -104,19 +106,19 @@ class Term(ABC):
         return 0
 
     def reference(self, t: float) -> np.ndarray:
-        """Return the parameters of the rows at time t [s] (n_parameters,), which a kept planner may
-        be given anew: goals, obstacles.
+        """Return the parameters (n_parameters,) of the rows at time t [s]: goals and obstacles,
+        which may be replaced in a planner that is kept.
         """
         return np.zeros(0)
 
     def references(
         self, times: Sequence[float], q: np.ndarray, tightened: NodeMargins | None = None
     ) -> np.ndarray:
-        """Return `reference` (n, n_parameters) at the nodes of times (n,) [s], written at q (n,
+        """Return `reference` (n, n_parameters) at nodes of times (n,) [s] and configurations q (n,
         n_q) [m, rad].
 
-        tightened: what is asked of the nodes beyond the range, of terms with `has_sides`; other
-        terms have narrower bounds for it.
+        tightened: margins beyond the range, for terms with `has_sides`; the bounds of other terms
+        are narrowed instead.
         """
         if type(self).reference is Term.reference:
             return np.zeros((len(times), 0))
@@ -132,6 +134,7 @@ class TaskRows(Term):
     """Rows of a task of the velocity hierarchy, with its name, goal and environment."""
 
     task: Task
+    """Task whose rows these are."""
 
     @property
     def name(self) -> str:
@@ -248,8 +251,8 @@ class Duration(_PathCost):
 
 @checked_dataclass(eq=False)
 class Posture(_PathCost):
-    """Joints away from a preferred posture, in shares of their range, of a turn where they are
-    endless: the squares' integral.
+    """Distance of the joints from a preferred posture, in shares of their range, or of a turn where
+    they are endless: the integral of the squares.
     """
 
     q: Annotated[np.ndarray, Range(open=True)]
@@ -289,13 +292,18 @@ def _root_of_power(x: ca.SX, exponent: float) -> ca.SX:
 
 @checked_dataclass(eq=False)
 class _FunctionTerm(Term):
-    """Rows by a function, within bounds."""
+    """Term whose rows a user's function computes, within bounds."""
 
     label: str
+    """Name of the term."""
     rows: OwnRows
+    """Function that computes the rows."""
     lower: Bounds
+    """[unit of the row] lower bound of all rows, or of each (m,)."""
     upper: Bounds
+    """[unit of the row] upper bound of all rows, or of each (m,)."""
     parameters: VectorGoal | None
+    """Parameters that the function is given; `None` for a function of the stage alone."""
     # What holds for all terms of a package's class holds here for one term.
     state_only: bool = True  # type: ignore[misc]
     is_goal: bool = True  # type: ignore[misc]
@@ -362,8 +370,8 @@ def residual_term(
     row^2], phase: as `Term` has them. goal: to be reached, so that a plan which leaves it has
     missed it; else a cost. inputs: rows read acceleration, thrust or torque. parameters (n,) [any],
     or a function ``t -> (value, rate)`` of the time [s] of the node: given to ``rows(stage,
-    parameters)``, and what a kept planner may be given anew. Raises `InvalidInput` as the term does
-    when a planner is built: for rows that are no column of SX, bounds that do not fit them, and
+    parameters)``, and replaceable in a planner that is kept. Raises `InvalidInput`, as the term does
+    when a planner is built, for rows that are no column of SX, bounds that do not fit them, and
     rows that read inputs without `inputs`.
     """
     return _FunctionTerm(

@@ -27,17 +27,17 @@ class DescentProblem:
     model: Callable[[Array], LocalModel]
     """The cost near variables (n_nodes, b) [m, rad]."""
     start: Array
-    """(n_nodes, b) [m, rad]"""
+    """(n_nodes, b) [m, rad] first variables."""
     free: Mask
     """(n_nodes, b) False for variables that stay."""
     metric: BlockTridiagonal
-    """Metric of long steps."""
+    """Metric in which long steps are held back."""
     lower: Array
-    """(n_nodes, b) [m, rad] for solvers that can keep bounds."""
+    """(n_nodes, b) [m, rad] lower bounds, for solvers that can keep them."""
     upper: Array
-    """(n_nodes, b) [m, rad]"""
+    """(n_nodes, b) [m, rad] upper bounds, for solvers that can keep them."""
     enough: Callable[[LocalModel], bool] = lambda model: False
-    """A model that is good enough, for solvers that can stop early."""
+    """Tells of a cost that is low enough to stop at, for solvers that can stop early."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -45,11 +45,13 @@ class Descent:
     """End of a descent."""
 
     variables: Array
-    """(n_nodes, b) [m, rad]"""
+    """(n_nodes, b) [m, rad] last variables."""
     model: LocalModel
-    """The cost there."""
+    """The cost near them."""
     iterations: int
+    """Number of steps that were tried."""
     converged: bool
+    """True where the descent ended by itself, not by its limit of iterations."""
 
 
 class DescentSolver(Protocol):
@@ -84,14 +86,18 @@ class TrustRegion:
             candidate = model(x + step)
             actual = current.parts.total - candidate.parts.total
             refused = actual <= 0.0
-            done = (predicted if refused else actual) <= self.tolerance * current.parts.total
+            if refused:
+                decrease = predicted
+            else:
+                decrease = actual
+            is_done = decrease <= self.tolerance * current.parts.total
             if refused:
                 mu = mu * 8.0
             else:
                 x = x + step
                 current = candidate
                 mu = mu * _damping_change(actual / predicted)
-            if done:
+            if is_done:
                 return Descent(variables=x, model=current, iterations=iteration + 1, converged=True)
         return Descent(variables=x, model=current, iterations=self.max_iterations, converged=False)
 
@@ -117,7 +123,7 @@ def _step(
 
 
 def _damping_change(ratio: float) -> float:
-    """Factor on mu after an accepted step, by actual over predicted decrease."""
+    """Return the factor on mu after an accepted step, by the ratio of actual to predicted decrease."""
     if ratio > 0.75:
         return 0.25
     if ratio > 0.25:

@@ -1,5 +1,5 @@
-"""Fewer rows than ticks: what each keeps of the ticks since the row before, so that no peak and no
-sum is lost.
+"""Keep fewer rows than ticks: each has the extremes, means and worst codes of the ticks since the
+row before, so that no peak and no sum is lost.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ EXTREMES = (
     "tick_time",
     "controller_time",
 )
-"""Series whose least and largest values since the row before are kept in fewer rows, as ``_least``
-and ``_most``.
+"""Series whose smallest and largest values since the row before are kept, as ``_least`` and
+``_most``.
 """
 MEANS = ("v", "saturated")
-"""Series of whose sizes the mean since the row before is kept, as ``_mean``."""
+"""Series whose mean absolute value since the row before is kept, as ``_mean``."""
 WORST = ("status", "health", "saturated", "freshness")
-"""Series of which a row has the largest code since the row before."""
+"""Series of codes, of which the largest since the row before is kept."""
 
 
 def newest_readings(rows: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the newest of readings (n, ...), NaN without one, of the ticks up to each of the
-    `last` (k,) and after the one before.
+    """Return the newest readings (k, ...) of each row, NaN where there is none.
+
+    rows (n, ...): readings of the ticks, NaN without one; last (k,): last tick of each row.
     """
     has_reading = np.isfinite(rows[:, -1])
     newest_so_far = np.maximum.accumulate(np.where(has_reading, np.arange(len(rows)), -1))
@@ -40,8 +41,9 @@ def newest_readings(rows: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 def thinned_rows(rows: Mapping[str, np.ndarray], last: np.ndarray) -> dict[str, np.ndarray]:
-    """Return one row for the ticks up to each of the `last` (k,), in order, after the one before;
-    rows (n, ...) of ticks by series.
+    """Return k rows by series, for the ticks after the row before.
+
+    rows (n, ...): rows of all ticks by series; last (k,): last tick of each row, in order.
     """
     first = np.r_[0, last[:-1] + 1]
     series = dict[str, np.ndarray]()

@@ -22,7 +22,7 @@ from uvms_ocp.types import Range
 _FOAM = 200.0  # [kg/m3] syntactic foam
 _LEAD = 11340.0  # [kg/m3]
 TRIM_TOLERANCE = 2e-3
-"""Share of its weight that the lift of a trimmed vehicle may differ from it."""
+"""Largest difference of lift and weight of a trimmed vehicle, share of its weight."""
 # [size of the robot] by which floats are above, ballast below the origin, for stability
 _HEIGHT = 0.4
 
@@ -30,7 +30,7 @@ _Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot fi
 
 _SWEEPS = 200  # about one axis after the other; a tilt of 60 deg about two is exact by then
 _NEGLIGIBLE_LEVER = 3e-3
-"""Lever of weight and buoyancy, share of the robot's size, below which they leave every attitude."""
+"""Lever of weight and buoyancy, share of the robot's size, below which they turn no vehicle."""
 
 
 def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
@@ -42,10 +42,8 @@ def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def lifts(robot: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where buoyancy and weight act, arms (n, 3) [m] from the origin of B, in W, and how
-    much each lifts (n,) [N].
-
-    At q (n_q,) [m, rad]; weight lifts less than nothing.
+    """Return the points at which buoyancy and weight act, arms (n, 3) [m] from the origin of B, in
+    W, and the lift of each (n,) [N], which is negative for weight, at q (n_q,) [m, rad].
     """
     require_normalized(robot.model, q)
     data = robot.model.createData()
@@ -218,11 +216,11 @@ def tilt_when_driven(robot: Robot) -> DrivenTilt | None:
 
     Thrust acts where the thrusters are, drag and inertia at the mass: the moment is that of both.
     """
-    loose = [axis for axis in thrusters.unactuated_axes(robot) if axis in (3, 4)]
+    undriven = [axis for axis in thrusters.unactuated_axes(robot) if axis in (3, 4)]
     matrix = thrusters.thruster_matrix(robot)
-    if not loose or not matrix.shape[1]:
+    if not undriven or not matrix.shape[1]:
         return None
-    driven = [axis for axis in range(6) if axis not in loose]
+    driven = [axis for axis in range(6) if axis not in undriven]
     arms, lift = lifts(robot, robot.configuration())
     righting = float((arms.T @ lift)[2])
     data = robot.model.createData()
@@ -233,16 +231,16 @@ def tilt_when_driven(robot: Robot) -> DrivenTilt | None:
         force = _largest_push(robot, push)
         if not np.isfinite(force):
             continue
-        asked = np.zeros(6)
-        asked[push] = force
-        asked[3:] = np.cross(to_mass, asked[:3])
-        thrust = np.linalg.lstsq(matrix[driven], asked[driven], rcond=None)[0]
+        required = np.zeros(6)
+        required[push] = force
+        required[3:] = np.cross(to_mass, required[:3])
+        thrust = np.linalg.lstsq(matrix[driven], required[driven], rcond=None)[0]
         wrench = matrix @ thrust
-        for turn in loose:
+        for turn in undriven:
             tilt = DrivenTilt(
                 push=push,
                 turn=turn,
-                moment=abs(float(wrench[turn] - asked[turn])),
+                moment=abs(float(wrench[turn] - required[turn])),
                 righting=righting,
                 negligible=_negligible_moment(robot),
             )
@@ -260,9 +258,9 @@ def _largest_push(robot: Robot, axis: int) -> float:
         frame = robot.model.frames[robot.frame_id(link.frame)]
         if frame.parentJoint != 1:
             continue
-        along = (frame.placement.rotation @ link.X_FL.rotation)[axis]
+        direction = (frame.placement.rotation @ link.X_FL.rotation)[axis]
         added, linear, quadratic = (
-            float(along @ matrix[:3, :3] @ along)
+            float(direction @ matrix[:3, :3] @ direction)
             for matrix in (link.added_mass, link.linear_drag, link.quadratic_drag)
         )
         force += float(acceleration * added + linear * speed + quadratic * speed**2)
@@ -270,7 +268,7 @@ def _largest_push(robot: Robot, axis: int) -> float:
 
 
 def _negligible_moment(robot: Robot) -> float:
-    """Return the righting moment [N m] below which weight and buoyancy leave every attitude."""
+    """Return the righting moment [N m] below which weight and buoyancy turn no vehicle."""
     return _NEGLIGIBLE_LEVER * weight(robot.model) * size(robot.model)
 
 

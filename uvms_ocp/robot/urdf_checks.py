@@ -36,7 +36,7 @@ _ROUNDING = 1e-9  # share of a principal moment, or of that of a cube of water a
 _SHOWN_NAMES = 10  # names in a message
 # a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
 _MAX_LINKS = 1000
-_SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond it numbers get lost
+_SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond them digits are lost
 _LOCK = "--lock JOINT, or `lock: {JOINT: 0}` in loading of hydrodynamics.yaml"
 _UNUSED = {
     "mimic": ("multiplier", "offset"),
@@ -54,18 +54,18 @@ _NOT_KEPT = (
         "write those that hold into <limit>",
     ),
 )
-"""Type of the joints, tag and words of limits that nothing here keeps, and what to do; no type:
-all.
+"""Type of the joints (empty for all), tag and attributes of limits that nothing here keeps, and
+what to do.
 """
 
 
 def check_urdf(path: Path, root: Element, *, locked: Collection[str] = ()) -> list[str]:
     """Raise ``RobotDataError`` with all mistakes in links, joints and the tree they form; return
-    what is left out.
+    notes, one line for each element that is left out.
 
-    What only draws is taken out of `root` where it cannot be drawn, and so are twins, shapes
-    without extent and limits below 0 of joints that turn without end: one line each. Limits that
-    nothing keeps are named; those that are ``locked`` need none.
+    Taken out of `root` are visuals that cannot be drawn, elements that stand twice, shapes without
+    extent and limits below 0 of joints that turn without end. Limits that nothing here keeps are
+    noted. locked: names of joints that need no limits.
     """
     findings = Findings(path)
     if not root.get("name"):
@@ -82,7 +82,7 @@ def check_urdf(path: Path, root: Element, *, locked: Collection[str] = ()) -> li
 
 
 def _settle_visuals(findings: Findings, root: Element) -> None:
-    """Take out what cannot be drawn."""
+    """Take out visuals that cannot be drawn."""
     for link in root.findall("link"):
         where = f"link {link.get('name')!r} visual"
         for visual in link.findall("visual"):
@@ -97,8 +97,8 @@ def _settle_visuals(findings: Findings, root: Element) -> None:
 
 
 def _settle_materials(findings: Findings, root: Element) -> None:
-    """Take out the paint that has no colour: what it is on is drawn grey."""
-    # elsewhere it is a simulator's
+    """Take out materials without a colour: visuals of them are drawn grey."""
+    # A <material> elsewhere in the file is that of a simulator.
     shared_materials = root.findall("material")
     used_materials = root.findall("link/visual/material")
     colours = dict[str, Element]()
@@ -124,6 +124,7 @@ def _settle_materials(findings: Findings, root: Element) -> None:
 
 
 def _is_drawn(material: Element) -> bool:
+    """Check whether a material has a colour, or a texture in place of it."""
     colour = material.find("color")
     if colour is None:
         return material.find("texture") is not None
@@ -132,6 +133,7 @@ def _is_drawn(material: Element) -> bool:
 
 
 def _check_repeats(findings: Findings, root: Element) -> None:
+    """Check links and joints for elements that stand twice."""
     for part in (*root.findall("link"), *root.findall("joint")):
         for element in part.iter():
             where = f"{part.tag} {part.get('name')!r}"
@@ -141,8 +143,8 @@ def _check_repeats(findings: Findings, root: Element) -> None:
 
 
 def _drop_twins(findings: Findings, element: Element, where: str) -> None:
-    """Take out what stands twice and is equal, and a second ``<origin>``. Raises
-    ``RobotDataError`` where others differ: of two, parsers take the first.
+    """Take out elements that repeat an equal one, and a second ``<origin>``. Raises
+    ``RobotDataError`` for other elements that stand twice and differ: parsers take the first of two.
     """
     first: dict[str, Element] = {}
     once = PLACES[element.tag].once if element.tag in PLACES else ()
@@ -169,6 +171,7 @@ def _canonical_text(element: Element) -> str:
 
 
 def _check_links(findings: Findings, root: Element) -> None:
+    """Check names, shapes and inertias of links."""
     path = findings.path
     names = findings.attempt(_names, path, root, "link")
     if names == []:
@@ -193,6 +196,7 @@ def _check_links(findings: Findings, root: Element) -> None:
 
 
 def _check_collision(findings: Findings, link: Element, collision: Element) -> None:
+    """Check the shape of a ``<collision>``; take it out where it has no extent."""
     where = f"link {link.get('name')!r} collision"
     shapes = collision.findall("geometry/*")
     _check_origin(findings.path, collision, where)
@@ -204,13 +208,14 @@ def _check_collision(findings: Findings, link: Element, collision: Element) -> N
 
 
 def _is_flat(path: Path, shape: Element, where: str) -> bool:
-    """Check for a placeholder: no size below 0, and all of them 0."""
+    """Check for a placeholder, a shape whose sizes are all 0."""
     if shape.tag not in SHAPES or shape.tag == "mesh":
         return False
     return not any(read_sizes(path, shape, f"{where} {shape.tag}"))
 
 
 def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
+    """Check that a ``<geometry>`` holds one shape of sizes that can be used."""
     tags = [f"<{element.tag}>" for element in shapes if element.tag in SHAPES]
     if len(tags) > 1:
         raise RobotDataError(
@@ -237,6 +242,7 @@ def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
 
 
 def _check_inertial(path: Path, link: Element) -> float:
+    """Check the ``<inertial>`` of a link; return its mass [kg]."""
     inertial = link.find("inertial")
     if inertial is None:
         return 0.0
@@ -253,6 +259,7 @@ def _check_inertial(path: Path, link: Element) -> float:
 
 
 def _check_inertia(path: Path, element: Element | None, where: str, mass: float) -> None:
+    """Check that principal moments of inertia are not negative; mass [kg]: of the link."""
     xx, xy, xz, yy, yz, zz = (read_number(path, element, key, f"{where} {key}") for key in _INERTIA)
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     # Some files have moments of nearly 0, whose signs are those of rounding.
@@ -264,6 +271,7 @@ def _check_inertia(path: Path, element: Element | None, where: str, mass: float)
 
 
 def _check_joints(findings: Findings, root: Element, locked: Collection[str]) -> None:
+    """Check names, types, axes and limits of joints."""
     path = findings.path
     findings.attempt(_names, path, root, "joint")
     for joint in root.findall("joint"):
@@ -321,6 +329,7 @@ def _check_unused(path: Path, joint: Element, where: str) -> None:
 
 
 def _check_dynamics(path: Path, joint: Element, where: str) -> None:
+    """Check that damping and friction of a joint are not negative."""
     dynamics = joint.find("dynamics")
     _check_not_negative(path, dynamics, ("damping", "friction"), f"{where} dynamics", 0.0)
 
@@ -328,6 +337,7 @@ def _check_dynamics(path: Path, joint: Element, where: str) -> None:
 def _check_not_negative(
     path: Path, element: Element | None, keys: Sequence[str], where: str, default: float | None
 ) -> None:
+    """Check that attributes of an element are numbers from 0 on."""
     for key in keys:
         value = read_number(path, element, key, f"{where} {key}", default)
         if value < 0.0:
@@ -335,6 +345,7 @@ def _check_not_negative(
 
 
 def _check_axis(path: Path, joint: Element, where: str) -> None:
+    """Check that the axis of a joint has a direction."""
     axis = joint.find("axis")
     if axis is None or joint.get("type") in ("fixed", "floating"):
         return
@@ -346,6 +357,7 @@ def _check_axis(path: Path, joint: Element, where: str) -> None:
 
 
 def _check_limit(path: Path, joint: Element, where: str) -> None:
+    """Check the limits of a joint, which revolute and prismatic ones must have."""
     element = joint.find("limit")
     is_bounded = joint.get("type") in ("revolute", "prismatic")
     if element is None:
@@ -366,6 +378,7 @@ def _check_limit(path: Path, joint: Element, where: str) -> None:
 
 
 def _check_tree(path: Path, root: Element) -> None:
+    """Check that the joints connect all links to one tree."""
     links = dict.fromkeys(link.get("name") for link in root.findall("link"))
     parent_of: dict[str | None, str | None] = {}
     for joint in root.findall("joint"):
@@ -382,7 +395,8 @@ def _check_tree(path: Path, root: Element) -> None:
 
 
 def _check_acyclic(path: Path, parent_of: dict[str | None, str | None]) -> None:
-    rooted: set[str | None] = set()  # links from which the way up is known to end
+    """Check that no joints form a loop; parent_of: parent of each link that has one."""
+    rooted: set[str | None] = set()  # links whose ancestors are known to end at a root
     for start in parent_of:
         passed = set[str | None]()
         link = start
@@ -410,6 +424,9 @@ def _linked(path: Path, joint: Element, end: str, links: Collection[str | None])
 
 
 def _names(path: Path, root: Element, tag: str) -> list[str]:
+    """Return the names of all links, or of all joints. Raises ``RobotDataError`` unless they are
+    unique.
+    """
     names = [element.get("name", "") for element in root.findall(tag)]
     if "" in names:
         raise RobotDataError(path, f"a <{tag}> has no name")
@@ -422,6 +439,7 @@ def _names(path: Path, root: Element, tag: str) -> list[str]:
 
 
 def _check_origin(path: Path, element: Element, where: str) -> None:
+    """Check that position and angles of the ``<origin>`` of an element are three numbers each."""
     origin = element.find("origin")
     for key in ("xyz", "rpy"):
         if origin is not None and key in origin.attrib:

@@ -1,8 +1,7 @@
-"""Run filter and health monitor over a recording: what they make of its readings, and how well
-these agree with the filter.
+"""Run the filter and the health monitor over a recording, and compare its readings with the filter.
 
-Of a run whose sensors are as the robot's file says, the estimate is that of the run to the last
-bit.
+For a run whose sensors are as the robot's file says, the estimate equals that of the run to the
+last bit.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ from uvms_ocp.types import Period
 
 _Arrivals = Iterator[tuple[int, str, Any, float]]
 """Readings of a channel in order of arrival: tick, channel, value and when it was taken [s]."""
-_EARLY = 1e-6  # of a tick
+_EARLY = 1e-6  # share of a tick by which a reading may come late and still belong to it
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -52,12 +51,12 @@ class RecordedEstimate(TableDisplay):
     """Estimate over a recording, and how well each channel agrees with it."""
 
     record: Record
-    """The estimate and its standard deviations, as of a run, beside the truth where the recording
-    has it; ``innovation`` (n, n_channels): squared, by its covariance and its degrees of freedom,
-    NaN where nothing was compared.
+    """The estimate and its standard deviations, in the series of a run, beside the truth where the
+    recording has it; ``innovation`` (n, n_channels): squared innovation over its covariance and its
+    degrees of freedom, NaN where nothing was compared.
     """
     channels: tuple[Mapping[str, Any], ...]
-    """A row for each, see `estimate_recording`."""
+    """A row for each channel; `estimate_recording` describes its columns."""
     same: bool | None = None
     """The estimate equals that which the run recorded, to the last bit; `None` for a recording
     without an estimate.
@@ -84,17 +83,17 @@ def estimate_recording(
     """Estimate the robot's motion from the readings of a recording, as the loop of `Scenario.run`
     does.
 
-    recording: record of a run with noisy sensors, with its commands, or channels of others: of
-    these the filter gets no commands and, at every tick of dt [s], the newest reading. specs: what
-    to expect of the sensors, by default as the robot's file says, of channels of others at the
-    rates that they have. faults: of sensors, on top.
-    folder: a new one, to which rows go in place of memory.
+    recording: record of a run with noisy sensors, with its commands; or a recording of another
+    vehicle, of which the filter gets no commands and, at every tick of dt [s], the newest reading.
+    specs: what to expect of the sensors, by default as the robot's file says, with the rates that
+    the channels of a recording have. faults: faults of sensors, added to the readings. folder: new
+    folder, to which rows are written in place of memory.
 
-    Of each channel: ``readings`` that arrived, ``delay_s`` by which on average, how many the filter
-    ``compared`` with its prediction and how many of these it ``refused``; ``ratio`` of the size of
-    innovations to the size expected, by medians, 1 where sensor, noise and motion are as expected;
-    ``sigma`` [unit of the channel] that is expected, and ``proposed_sigma``, which would explain
-    the innovations were all the sensor's; then the columns of `sensor_health`.
+    Columns of each channel: number of ``readings`` that arrived, their mean delay ``delay_s``, how
+    many the filter ``compared`` with its prediction and how many of these it ``refused``; ``ratio``
+    of the size of innovations to the size expected, by medians, 1 where sensor, noise and motion
+    are as expected; ``sigma`` [unit of the channel] that is expected, and ``proposed_sigma``, which
+    would explain the innovations if they all came of the sensor; then those of `sensor_health`.
 
     Raises `InvalidInput` for a record without readings, for channels that do not fit the robot, and
     for other faults.
@@ -176,7 +175,7 @@ def estimate_recording(
 
 
 class _ReceivedReadings:
-    """Newest readings of all channels while a recording is gone through, and how late they were."""
+    """Newest readings of all channels in the course of a recording, and their delays."""
 
     def __init__(self, arrivals: Mapping[str, _Arrivals], channels: Sequence[str]) -> None:
         self._stream = heapq.merge(*arrivals.values(), key=itemgetter(0))
@@ -206,7 +205,7 @@ def _agreement(
 ) -> dict[str, Any]:
     """Compare the innovations of a channel with what its specification lets expect.
 
-    innovations: (n,) squared, by covariance and degrees of freedom, NaN where there is none.
+    innovations: (n,) squares over covariance and degrees of freedom, NaN where there is none.
     refused: (n,) whether the filter refused them. sigma: [unit of the channel] that is expected.
     """
     compared = innovations[np.isfinite(innovations)]
@@ -267,8 +266,8 @@ def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, 
 def _sent(
     recording: Recording, robot: Robot, specs: SensorSpecs, dt: float
 ) -> tuple[dict[str, _Arrivals], int, float]:
-    """Return the readings of a recording of others by channel, from the first on, how many ticks it
-    has, and their period [s].
+    """Return the readings of another vehicle's recording by channel, from the first on, the number of
+    ticks, and their period [s].
     """
     if recording.at_once:
         raise InvalidInput(
@@ -300,8 +299,8 @@ def _sent(
 
 
 def _at_own_rates(specs: SensorSpecs, recording: Recording) -> SensorSpecs:
-    """Return specifications with the rates at which channels were recorded: what comes as often as it
-    usually does is not silent.
+    """Return specifications with the rates at which channels were recorded, so that a channel which
+    keeps its rate does not count as silent.
     """
     at_own_rates = {}
     for name, channel in recording.channels.items():
@@ -315,6 +314,9 @@ def _at_own_rates(specs: SensorSpecs, recording: Recording) -> SensorSpecs:
 def _arriving(
     name: str, ticks: np.ndarray, values: np.ndarray, stamps: np.ndarray, robot: Robot
 ) -> _Arrivals:
+    """Yield the readings of a channel: values (n, k) [unit of the channel] that arrive at ticks (n,)
+    and were taken at stamps (n,) [s].
+    """
     shape = sizes_of(robot)[name]
     if values.shape[1] != math.prod(shape):
         raise InvalidInput(
@@ -325,7 +327,7 @@ def _arriving(
 
 
 def _with_faults(arrivals: _Arrivals, faults: fault_effects.ChannelFaults, dt: float) -> _Arrivals:
-    """Yield readings as faults change them, without those that a newer one has overtaken."""
+    """Yield readings as faults change them, without those that a newer reading has overtaken."""
     samples = list[tuple[int, str, Any, float, float]]()
     for tick, name, value, sample_time in arrivals:
         sample = faults(value, sample_time)

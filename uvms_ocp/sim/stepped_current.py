@@ -54,8 +54,8 @@ class SteppedCurrent(Current):
         vertical = self._step(t)[2]
         if not vertical:
             return base
+        # The vertical part fades towards the floor.
         added = np.zeros((len(p_W), 3, 3))
-        # (n, 3) [1/m] gradient of the share of the vertical part that is left at points p_W (n, 3).
         floor, normals = ground_at(self.seafloor, p_W[:, :2])
         heights = (p_W[:, 2] - floor).tolist()
         slopes = np.array([cosine_slope(height / LAYER) / LAYER for height in heights])
@@ -67,7 +67,7 @@ class SteppedCurrent(Current):
         return self._sum(t, lambda elapsed: cosine_step(elapsed / RISE))
 
     def _sum(self, t: float, growth: Callable[[float], float]) -> np.ndarray:
-        """Sum all steps (3,), each times what it has grown by since its onset, and shrunk by since
+        """Sum the steps (3,) at time t [s], each times its growth since the onset less that since
         its end.
         """
         parts = []

@@ -19,9 +19,9 @@ class SmoothActivation:
     """
 
     start: float
-    """[unit of x]"""
+    """[unit of x] x at which the step begins."""
     end: float
-    """[unit of x]"""
+    """[unit of x] x at which the step ends."""
 
     def __post_init__(self) -> None:
         if not is_symbolic(self.start) and not (
@@ -33,12 +33,10 @@ class SmoothActivation:
             )
 
     def increasing(self, x: ca.SX | float) -> ca.SX:
-        """0 where x [its unit] is below `start`, 1 where it is above `end`."""
+        """Return 0 where x [its unit] is below `start`, 1 where it is above `end`."""
         phase = ca.fmin(ca.fmax((x - self.start) / (self.end - self.start), 0), 1)
         return 0.5 - 0.5 * ca.cos(math.pi * phase)
 
     def decreasing(self, x: ca.SX | float) -> ca.SX:
-        """1 where x [its unit] is below `start`, 0 where it is above `end`: the mirror of
-        `increasing`.
-        """
+        """Return 1 where x [its unit] is below `start`, 0 where it is above `end`."""
         return 1 - self.increasing(x)

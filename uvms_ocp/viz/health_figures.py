@@ -13,9 +13,9 @@ from uvms_ocp.viz.series import axis_label
 from uvms_ocp.viz.time_spans import intervals_of, phase_spans
 
 _STATE_COLORS = {"good": GREEN, "suspect": ORANGE, "lost": VERMILLION}
-_MOST_ALARMS = 8  # written below the bars
-_HEIGHT = 0.62  # of a bar, of the space of a channel
-_LINE = 0.17  # [in] of text
+_MAX_ALARMS = 8  # alarms written below the bars
+_HEIGHT = 0.62  # height of a bar, share of the space of a channel
+_LINE = 0.17  # [in] height of a line of text
 
 
 @style.styled
@@ -60,7 +60,7 @@ def _alarm_lines(record: Record) -> list[str]:
         for alarm in record.run_meta.alarms
         if alarm.text.partition(" ")[0] in record.run_meta.channels
     ]
-    lines = [label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_ALARMS]]
+    lines = [label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MAX_ALARMS]]
     n_more = len(alarms) - len(lines)
     if n_more:
         return [*lines, f"and {n_more} more"]

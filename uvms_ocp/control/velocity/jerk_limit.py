@@ -23,19 +23,20 @@ from uvms_ocp.tasks.task import Rows, TickSymbols
 # work)
 _RISE = 0.07
 _FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
-# [m] size of a robot from which on these times hold; smaller ones move in shorter times, and would
-# swing
-_LARGE = 0.2
-_LITTLE = 0.05  # acceleration of a row over that of the row that the same axes move most
-_NOTHING = 1e-12  # keeps the division by a change of zero finite
+# [m] size of a robot from which on these times hold; smaller robots move in shorter times, and would
+# swing if they were held to these
+_LARGE_ROBOT = 0.2
+_WEAKLY_MOVED = 0.05  # acceleration of a row over that of the row that the same axes move most
+_SMALLEST_CHANGE = 1e-12  # keeps the division by a change of zero finite
 
 
 def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
-    """Make rows by which each axis changes by what it changed by in the tick before, give or take
-    what its jerk allows.
+    """Make the rows that bound the change of acceleration: each velocity goes on changing as in the
+    tick before, give or take what the limit of jerk allows.
 
-    previous (n_v,) [m/s, rad/s]: commanded in the tick before; change (n_v,) [m/s, rad/s]: of it
-    since the tick before that. Not read by the regularised pseudo-inverse.
+    previous (n_v,) [m/s, rad/s]: velocity commanded in the tick before; change (n_v,) [m/s, rad/s]:
+    its difference from the command before that. The regularised pseudo-inverse does not read these
+    rows.
     """
     dt = symbols.dt
     n_v = symbols.robot.n_v
@@ -59,7 +60,7 @@ def pace(robot: Robot) -> float:
     """Return the share of their times in which accelerations of a robot rise and fall: the root of its
     size, as for waves (Froude), and 1 of large ones.
     """
-    return min(1.0, math.sqrt(size(robot.model) / _LARGE))
+    return min(1.0, math.sqrt(size(robot.model) / _LARGE_ROBOT))
 
 
 def unlimited_axes(robot: Robot) -> np.ndarray:
@@ -91,11 +92,12 @@ def common_share(desired: ca.SX, acceleration: ca.SX, dt: float, pace: float = 1
     """
     share = _share(desired, acceleration, dt)
     excess = _excess(desired, acceleration, dt, pace)
-    moved = acceleration > _LITTLE * ca.mmax(acceleration)
+    moved = acceleration > _WEAKLY_MOVED * ca.mmax(acceleration)
     # One root for all of them.
     smallest_share = ca.mmin(ca.if_else(moved, share, ca.inf))
     common = ca.fmin(smallest_share, _falling(ca.mmax(ca.if_else(moved, excess, 0))))
-    return ca.if_else(moved, common, ca.fmin(ca.fmin(share, _falling(excess)), common))
+    single_share = ca.fmin(share, _falling(excess))
+    return ca.if_else(moved, common, ca.fmin(single_share, common))
 
 
 def falling_share(desired: ca.SX, acceleration: ca.SX, dt: float, pace: float = 1.0) -> ca.SX:
@@ -108,7 +110,8 @@ def falling_share(desired: ca.SX, acceleration: ca.SX, dt: float, pace: float = 
 
 
 def _share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    return acceleration * dt / ca.fmax(ca.fabs(desired), _NOTHING)
+    """Compute the share of the desired change that the acceleration limit allows in one tick."""
+    return acceleration * dt / ca.fmax(ca.fabs(desired), _SMALLEST_CHANGE)
 
 
 def _excess(desired: ca.SX, acceleration: ca.SX, dt: float, pace: float) -> ca.SX:

@@ -1,8 +1,8 @@
 """Restrict the velocity of the hierarchy in degraded modes: slower, no descent, the arm held; never
 by more than the acceleration limits allow.
 
-Kernels. Slower keeps the direction, and so all priorities; joints that are held brake as fast as
-they can; what sinks is lifted straight up.
+Kernels. A slower velocity keeps its direction, and so all priorities; joints that are held brake as
+fast as they can; a velocity that sinks is lifted straight up.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class SpeedLimitMemory(Layout):
 
 def limit_speed(
     speed_limit: SpeedLimitMemory,
-    less: RestrictionMemory,
-    beam: AltimeterMemory,
+    restriction: RestrictionMemory,
+    altimeter: AltimeterMemory,
     q: Vector,
     previous: Vector,
     pace: float,
@@ -40,18 +40,18 @@ def limit_speed(
     """Restrict v [m/s, rad/s], which is the hierarchy's velocity at first; return the pace, its
     share of the hierarchy's speed.
 
-    q [m, rad]: now. previous [m/s, rad/s]: velocity of the tick before, which was at the share
-    `pace` of the hierarchy's.
+    q (n_q,) [m, rad]: present configuration. previous (n_v,) [m/s, rad/s]: velocity of the tick
+    before, which was `pace` times the hierarchy's.
     """
-    pace_taken = _pace(speed_limit, less.speed, v, previous, pace)
+    pace_taken = _pace(speed_limit, restriction.speed, v, previous, pace)
     for i in range(len(speed_limit.step)):
-        if less.joints_held and speed_limit.is_joint[i] != 0:
+        if restriction.joints_held and speed_limit.is_joint[i] != 0:
             v[i] = 0.0
         else:
             v[i] = pace_taken * v[i]
     _within(speed_limit, v, previous)
-    if less.no_descent and speed_limit.has_vehicle:
-        _lift(beam, q, v, len(speed_limit.step))
+    if restriction.no_descent and speed_limit.has_vehicle:
+        _lift(altimeter, q, v, len(speed_limit.step))
         _within(speed_limit, v, previous)
     return pace_taken
 
@@ -59,8 +59,8 @@ def limit_speed(
 def _pace(
     speed_limit: SpeedLimitMemory, speed: float, desired: Vector, previous: Vector, pace: float
 ) -> float:
-    """Approach the speed as far as the acceleration limits allow in this tick; they always allow to
-    keep the pace.
+    """Return the share of the desired velocity that is nearest to `speed` and within reach of this
+    tick's acceleration; to keep the pace is always allowed.
     """
     low = 0.0
     high = 1.0
@@ -74,11 +74,12 @@ def _pace(
 
 
 def _within(speed_limit: SpeedLimitMemory, v: Vector, previous: Vector) -> None:
+    """Keep v within the largest change of one tick from the previous velocity."""
     for i in range(len(speed_limit.step)):
         v[i] = min(max(v[i], previous[i] - speed_limit.step[i]), previous[i] + speed_limit.step[i])
 
 
-def _lift(beam: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:
+def _lift(altimeter: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:
     """Lift the velocity so that neither vehicle nor altimeter sinks."""
     x = q[3]
     y = q[4]
@@ -89,7 +90,7 @@ def _lift(beam: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:
     up[1] = 2.0 * z * y + 2.0 * x * w
     up[2] = 1.0 - (2.0 * x * x + 2.0 * y * y)
     rise = up[0] * v[0] + up[1] * v[1] + up[2] * v[2]
-    if beam.exists:
-        rise = min(rise, dot(beam.height_jacobian, v, n))
+    if altimeter.exists:
+        rise = min(rise, dot(altimeter.height_jacobian, v, n))
     for i in range(3):
         v[i] += up[i] * max(0.0, -rise)

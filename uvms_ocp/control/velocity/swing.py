@@ -23,18 +23,17 @@ N_PASSIVE = 4
 that the model does not know.
 """
 _FREE = 6  # axes of a vehicle that can swing
-# [rad/s] of a swing
+# [rad/s] range of frequencies of a swing
 _SLOWEST = 0.3
 _QUICKEST = 6.0
-_LEAD = 0.5  # of the swing's frequency, by which joints are ahead of it
-_MEMORY = 8.0  # over the swing's frequency [s]: in which its mean is learnt
-_JOINT_SHARE = 0.5  # of the velocity limits of the joints, for countering a swing
-_SINGULAR = 0.05  # of the largest lever of the joints, below which they meet no row
-_SOFT = 0.1  # of the righting moment upright, below which a lean is not followed any more
-_LARGEST_LEAN = (
-    0.7  # [rad] that joints may bring about; from 0.9 on heavy loads in a current swing for ever
-)
-_LEAN_GAIN = 0.3  # of the swing's frequency
+_LEAD = 0.5  # lead of the joints over the swing, share of its frequency
+_MEMORY = 8.0  # time in which the mean of a swing is learnt, in radians of its phase
+_JOINT_SHARE = 0.5  # share of the velocity limits of joints that may counter a swing
+_SINGULAR = 0.05  # share of the largest lever of the joints below which they counter no row
+_SOFT = 0.1  # share of the righting moment upright below which a lean is not followed any more
+# [rad] lean that joints may bring about; from 0.9 on heavy loads in a current swing for ever
+_LARGEST_LEAN = 0.7
+_LEAN_GAIN = 0.3  # gain of the limit of lean, share of the swing's frequency
 _NOTHING = 1e-12  # keeps divisions by nothing finite
 
 
@@ -94,11 +93,11 @@ def mean_attitude(symbols: TickSymbols, passive: ca.SX) -> TickSymbols:
 def countered_rows(
     rows: Rows, mean: Rows, symbols: TickSymbols, passive: ca.SX, lean: Lean
 ) -> Rows:
-    """Return the rows of a task with the rates that it asks for at the mean attitude, the swing
-    countered by joints alone.
+    """Return the rows of a task with its rates at the mean attitude, in which joints alone counter
+    the swing.
 
-    What they cannot follow is left, in phase: the share that they counter is the same for all of
-    them. passive (4,): see `N_PASSIVE`; lean: of `lean_of`.
+    All joints counter the same share of it, so that what they cannot counter stays in phase with
+    it. passive (4,): see `N_PASSIVE`; lean: result of `lean_of`.
     """
     robot = symbols.robot
     axes = swinging_axes(symbols.robot)
@@ -113,13 +112,19 @@ def countered_rows(
     ahead = symbols.velocity[axes] - lead
     regularization = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
     gram = arm @ arm.T + regularization * ca.SX.eye(rows.n_rows)
-    share = -arm.T @ ca.solve(gram, free @ ahead)
+    joint_shares = -arm.T @ ca.solve(gram, free @ ahead)
     largest_joint_share: ca.SX | int = 1
     if robot.n_joints:
-        largest_joint_share = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share)))
-    met = J[:, robot.n_vehicle :] @ limit @ share * _JOINT_SHARE / largest_joint_share
+        largest_joint_share = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(joint_shares)))
+    countered_rate = (
+        J[:, robot.n_vehicle :] @ limit @ joint_shares * _JOINT_SHARE / largest_joint_share
+    )
     return replace(
-        rows, jacobian=J, rate=mean.rate + met, lower=mean.lower + met, upper=mean.upper + met
+        rows,
+        jacobian=J,
+        rate=mean.rate + countered_rate,
+        lower=mean.lower + countered_rate,
+        upper=mean.upper + countered_rate,
     )
 
 
@@ -134,10 +139,10 @@ class Lean:
 
 
 def lean_of(symbols: TickSymbols, passive: ca.SX) -> Lean:
-    """Return the balance of weight, buoyancy and the weight at the tool, less where the vehicle
-    hardly rights itself.
+    """Return the lean at which weight, buoyancy and the weight at the tool balance, less where the
+    vehicle hardly rights itself.
 
-    symbols: of `mean_attitude`; passive (4,): see `N_PASSIVE`.
+    symbols: result of `mean_attitude`; passive (4,): see `N_PASSIVE`.
     """
     robot = symbols.robot
     axes = swinging_axes(symbols.robot)
@@ -154,7 +159,7 @@ def lean_of(symbols: TickSymbols, passive: ca.SX) -> Lean:
 def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:
     """Return rows that keep joints from leaning the vehicle farther than it rights itself.
 
-    symbols: of `mean_attitude`; lean: of `lean_of`.
+    symbols: result of `mean_attitude`; lean: result of `lean_of`.
     """
     robot = symbols.robot
     axes = swinging_axes(symbols.robot)
@@ -189,8 +194,8 @@ def _swing_angles(robot: Robot, angles: ca.SX) -> ca.SX:
 
 @lru_cache(maxsize=8)
 def _balance(robot: Robot) -> ca.Function:
-    """Make ``q (n_q,), weight [N] -> (n_swinging, n_v), (n_swinging,)``: slope of the moments about
-    the free axes, and these.
+    """Make the function ``q (n_q,), weight [N] -> slope (n_swinging, n_v), moment (n_swinging,)`` of
+    the moments about the free axes; weight: at the tool.
     """
     model = SymbolicModel(robot.model)
     axes = swinging_axes(robot)

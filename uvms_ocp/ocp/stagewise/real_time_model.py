@@ -12,40 +12,42 @@ from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, SqpPoint
 from uvms_ocp.solvers.stage_qp.problem import StageQpOptions, WarmStart
 from uvms_ocp.types import Array
 
-# Rough: steps are searched along, and made again at the next tick.
+# A rough tolerance: a line search follows each step, and the next tick makes another.
 _QP_OPTIONS = StageQpOptions(tolerance=3e-4)
-# iterations, after which a QP is given up that may be: those that it takes more have up to 25
+# iterations after which the QP of a second step, which may be left out, is given up; QPs that need
+# more need up to 25
 _FEW_ITERATIONS = 6
-# [1/unit of the row^2] weight of rows of levels above
+# [1/unit of the row^2] weights of rows of levels above
 _SMALLEST_WEIGHT = 1e2
 _FIRST_WEIGHT = 1e4
 _LARGEST_WEIGHT = 1e8
 
 
 class StagewiseLevelModel:
-    """A `uvms_ocp.solvers.nlp.real_time_sqp.LevelModel` on the memory of a horizon, whose points
-    are those of all stages.
+    """A `uvms_ocp.solvers.nlp.real_time_sqp.LevelModel` on the memory of a horizon; a point holds the
+    variables of all stages.
 
-    QPs start from the last one of their level: the bounds that are reached are mostly the same.
-    Frozen rows are kept by a weight, with which the last QP would have missed them by an eighth of
-    the tolerance: where limits bind there is often no motion that keeps them as they are, and of
-    slabs it would be guessed in vain which sides are reached. Levels below the first whose
+    QPs start from the last one of their level, as mostly the same bounds are reached. Frozen rows
+    are kept by a penalty, whose weight is that with which the last QP would have missed them by an
+    eighth of the tolerance: hard rows would often have no solution where limits bind, and of two
+    narrow bounds a warm start would mostly guess the wrong one. Levels below the first whose
     residuals have no forces take the slopes of forces from where the first was linearised.
     """
 
     slack = 0.0
+    """Allowed rise of the norm of frozen rows in a QP, which are kept by a penalty here."""
 
     def __init__(self, memory: StageMemory, tolerance: float) -> None:
-        """tolerance [unit of the row]: by which the norm of frozen rows may rise."""
+        """tolerance [unit of the row]: allowed rise of the norm of frozen rows."""
         self._levels = StagewiseLevels(memory, _QP_OPTIONS)
         self._memory = memory
         self._tolerance = tolerance
         self._weight_above = [_FIRST_WEIGHT] * memory.n_levels
-        """Weight [1/unit of the row^2] by which each level keeps those above."""
+        """[1/unit of the row^2] weight of the rows of levels above in the QP of each level."""
         self._warm_starts: dict[int, WarmStart] = {}
         """Warm start of the next QP of each level."""
         self._last_ranges: tuple[RowBounds, int, StageRanges] | None = None
-        """Bounds and level of the ranges that were asked for last, and these."""
+        """Last bounds and level for which ranges were computed, and these ranges."""
         self._constraint_ranges: StageRanges | None = None
         """Ranges of the constraints alone."""
 
@@ -61,8 +63,8 @@ class StagewiseLevelModel:
     def step(
         self, level: int, point: SqpPoint, bounds: RowBounds, damping: float
     ) -> NlpStatus | None:
-        """Solve the QP of a level for the step from a point; return why there is none. damping
-        [1/unit of z^2]: weight of the square of the step.
+        """Solve the QP of a level for the step from a point; return the reason where there is none.
+        damping [1/unit of z^2]: weight of the square of the step.
         """
         memory = self._memory
         level_qp = self._levels.level(level)
@@ -77,8 +79,7 @@ class StagewiseLevelModel:
         ranges_before = self._last_ranges
         ranges = self._ranges(bounds, level)
         is_second_step = self._last_ranges is ranges_before
-        # A second step of a level, which mends the first, is welcome, but not at the price of many
-        # iterations.
+        # A second step of a level corrects the first, which is not worth many iterations.
         if level and is_second_step:
             level_qp.max_iterations = _FEW_ITERATIONS
         else:
@@ -111,7 +112,7 @@ class StagewiseLevelModel:
         return self._levels.variables()
 
     def _ranges(self, bounds: RowBounds, level: int) -> StageRanges:
-        """Return the ranges of a level; those of its first step again for the second."""
+        """Return the ranges of a level; a second step gets those of the first again."""
         if self._last_ranges is not None:
             last_bounds, last_level, last_ranges = self._last_ranges
             if last_bounds is bounds and last_level == level:

@@ -36,8 +36,8 @@ PERIODIC = "periodic"
 TOTAL = "total duration"
 
 FIXED = (MOTION, FORCES, START, EQUAL_STEPS)
-"""Names of rows that are laws, not wishes."""
-_DROPPED = -2  # level of rows that say nothing
+"""Names of rows that every plan keeps: laws of motion and the given start, which nobody asks for."""
+_DROPPED = -2  # level of rows that bind nothing
 _START_STAGE = 0.75  # of the first state: after the dynamics and the terms of the first node
 
 
@@ -50,9 +50,9 @@ class RowLayout:
     start: np.ndarray
     """(n_boundary,) rows of the first and the last state."""
     equal_steps: np.ndarray
-    """(N - 1,), or none where durations are fixed."""
+    """(N - 1,) rows that keep steps equally long; none where durations are fixed."""
     total: np.ndarray
-    """(1,), or none where the steps together may take any time."""
+    """(1,) row of all steps' duration together; none where it is not limited."""
     terms: tuple[np.ndarray, ...]
     """Indices (n_nodes, n_rows) of the rows of each block."""
     costs: np.ndarray
@@ -62,9 +62,9 @@ class RowLayout:
     stage: np.ndarray
     """(n_rows,) node or step of each row, by which they are sorted."""
     lower: np.ndarray
-    """(n_rows,) [unit of the row]"""
+    """(n_rows,) [unit of the row] lower bounds."""
     upper: np.ndarray
-    """(n_rows,) [unit of the row]"""
+    """(n_rows,) [unit of the row] upper bounds."""
     names: tuple[str, ...]
     """(n_rows,) names of what each row stands for, in reports."""
     constraints: np.ndarray
@@ -72,8 +72,8 @@ class RowLayout:
     levels: tuple[np.ndarray, ...]
     """(m,) rows of each level, in ascending order."""
     held: tuple[np.ndarray, ...]
-    """(m,) rows that keep what each level has reached: its own, or its cost where the level may be
-    relaxed.
+    """(m,) rows by which lower levels keep what each level has reached: those of the level, or the
+    row of its cost where the level may be relaxed.
     """
 
     @property
@@ -177,9 +177,13 @@ class _Group:
     level: np.ndarray
     """Level, `CONSTRAINT` or `_DROPPED`."""
     stage: np.ndarray
+    """Node or step of the row, by which rows are sorted."""
     lower: np.ndarray
+    """[unit of the row] lower bound."""
     upper: np.ndarray
+    """[unit of the row] upper bound."""
     names: tuple[str, ...]
+    """Name of what the row stands for, in reports."""
 
 
 def _group(
@@ -201,6 +205,7 @@ def _group(
 
 
 def _dynamics_group(n_steps: int, n_state: int, n_forces: int) -> _Group:
+    """Make the rows of the dynamics, step by step: the next state, then the forces."""
     names_of_step = (MOTION,) * n_state + (FORCES,) * n_forces
     return _group(n_steps * names_of_step, np.repeat(np.arange(n_steps), n_state + n_forces))
 
@@ -223,14 +228,15 @@ def _equal_steps_group(problem: OcpProblem) -> _Group:
 
 
 def _total_group(problem: OcpProblem) -> _Group:
+    """Make the row of the duration of all steps, where it is limited."""
     names = (TOTAL,) if problem.limits_total else ()
     stage = problem.n_steps + _START_STAGE
     return _group(names, stage, lower=-np.inf, upper=problem.longest)
 
 
 def _terms_group(block: TermBlock, *, fixed_start: bool) -> _Group:
-    """Make the rows of a block of terms at its nodes. Those of the state alone are dropped at a
-    start that is given, which they could not change.
+    """Make the rows of a block of terms at its nodes. Rows of the state alone are dropped at a given
+    start, which no plan can change.
     """
     rows = block.rows
     n = len(block.nodes)
@@ -244,26 +250,29 @@ def _terms_group(block: TermBlock, *, fixed_start: bool) -> _Group:
 
 
 def _costs_group(problem: OcpProblem) -> _Group:
+    """Make a row for the cost of each level."""
     names = tuple(f"cost of {level.name}" for level in problem.levels)
     return _group(names, problem.n_steps + 1, _DROPPED)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class BoundaryRows:
-    """Rows of the first and the last state ``[q_0, v_0, q_N, v_N]``: the first one is given, or
-    near the given one, and may be the last one too. The given state ``[q, v]`` is their parameter.
+    """Rows of the first and the last state ``[q_0, v_0, q_N, v_N]``.
+
+    The first state is the given one or near it; where the motion is periodic, the last state is the
+    first again. The given state ``[q, v]`` is the parameter of the rows.
     """
 
     functions: Derivatives
     """Values of the rows and their derivatives."""
     lower: np.ndarray
-    """(m,) [m, rad, m/s, rad/s, -]"""
+    """(m,) [m, rad, m/s, rad/s, -] lower bounds."""
     upper: np.ndarray
-    """(m,) [m, rad, m/s, rad/s, -]"""
+    """(m,) [m, rad, m/s, rad/s, -] upper bounds."""
     names: tuple[str, ...]
     """(m,) START or PERIODIC."""
     coupled: bool
-    """The rows tie the last state to the first."""
+    """True where rows tie the last state to the first."""
 
 
 def boundary(model: StageModel) -> BoundaryRows:
@@ -312,7 +321,7 @@ def _start_rows(model: StageModel, first: ca.SX, start: ca.SX) -> tuple[ca.SX, n
 
 
 def _difference(model: StageModel, first: ca.SX, second: ca.SX) -> ca.SX:
-    """Return the way (2 n_v,) from one state to another."""
+    """Return the difference (2 n_v,) of two states, along the axes and in velocity."""
     n = model.robot.n_q
     tree = SymbolicModel(model.robot.model)
     return ca.vertcat(tree.difference(first[:n], second[:n]), second[n:] - first[n:])

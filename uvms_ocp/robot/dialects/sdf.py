@@ -26,8 +26,8 @@ from uvms_ocp.robot.urdf_elements import Element, quoted
 from uvms_ocp.robot.urdf_findings import Findings
 
 _TOP = "__model__"
-_DEEPEST = 8  # models in one another
-_MOST_MODELS = 100  # included
+_MAX_DEPTH = 8  # of models inside models
+_MAX_MODELS = 100  # of included models
 _NAMES_OF_PLUGINS = ("link_name", "joint_name", "linkName", "jointName")
 _OF_MODEL = {"link", "joint", "frame", "model", "include", "plugin", "pose"}
 _WITHOUT_EFFECT = {"static", "self_collide", "allow_auto_disable", "enable_wind", "gripper"}
@@ -65,13 +65,18 @@ def _only_model(path: Path, root: Element) -> Element:
     """Return the model of a file, in a world the only one that moves. Raises ``RobotDataError``."""
     models = [*root.findall("model"), *root.findall("world/model")]
     if len(models) > 1:
-        models = [m for m in models if m.findtext("static", "").strip() not in ("true", "1")]
+        models = [model for model in models if not _is_static(model)]
     if len(models) == 1:
         return models[0]
     if not models:
         raise RobotDataError(path, "no <model> in the <sdf>; allowed: the file of one model")
     names = ", ".join(model.get("name", "") for model in models[:10])
     raise RobotDataError(path, f"{len(models)} models, {names}; allowed: the file of one model")
+
+
+def _is_static(model: Element) -> bool:
+    """Check whether a model says that it never moves."""
+    return model.findtext("static", "").strip() in ("true", "1")
 
 
 class _SdfReader:
@@ -91,8 +96,8 @@ class _SdfReader:
         self.n_included = 0
 
     def collect(self, model: Element, *, scope: str, frame: str, folder: Path, depth: int) -> None:
-        """Take the parts of a model. scope: prefix of its names, with ``::``; frame: the name of its
-        own frame.
+        """Collect the parts of a model. scope: prefix of its names, with ``::``; frame: the name of
+        its own frame.
         """
         placed = self.graph.frames.get(frame)
         self.graph.frames[frame] = PlacedFrame(
@@ -126,6 +131,7 @@ class _SdfReader:
                 self.unread[element.tag] += 1
 
     def _scoped(self, name: str, scope: str, frame: str) -> str:
+        """Return the full name of a part of the model of that scope and frame."""
         name = name.strip()
         if name in ("", "__model__"):
             return frame
@@ -143,7 +149,9 @@ class _SdfReader:
         default: str,
         attached_to: str | None,
     ) -> None:
-        """Place a part of the model of that frame, relative to `default` unless it says another."""
+        """Place a part of the model of that frame, relative to the frame that its pose names, or to
+        `default`.
+        """
         pose = element.find("pose")
         stated = relative_to(pose)
         above = self._scoped(stated, scope, frame) if stated else default
@@ -153,6 +161,7 @@ class _SdfReader:
         self.graph.frames[name] = PlacedFrame(above=above, X=X, attached_to=attached_to)
 
     def _attempt_pose(self, pose: Element | None, where: str) -> pin.SE3:
+        """Read a pose; a mistake becomes a fault."""
         try:
             return read_pose(pose, where)
         except InvalidInput as error:
@@ -171,11 +180,11 @@ class _SdfReader:
         name: str = "",
         merges: bool = False,
     ) -> None:
-        """Take a model inside another one. placed: the element with its <pose>."""
+        """Collect a model inside another one. placed: the element with its <pose>."""
         name = name or model.get("name", "")
-        if depth >= _DEEPEST:
+        if depth >= _MAX_DEPTH:
             self.findings.faults.append(
-                f"model {quoted(name)}: more than {_DEEPEST} in one another"
+                f"model {quoted(name)}: more than {_MAX_DEPTH} in one another"
             )
             return
         inner_frame = f"{scope}{name}::__model__"
@@ -195,10 +204,11 @@ class _SdfReader:
         self.collect(model, scope=inner_scope, frame=inner_frame, folder=folder, depth=depth + 1)
 
     def _include(self, include: Element, scope: str, frame: str, depth: int) -> None:
+        """Collect the model of another file."""
         uri = include.findtext("uri", "").strip()
         file = self._included_file(uri)
         self.n_included += 1
-        if file is None or self.n_included > _MOST_MODELS:
+        if file is None or self.n_included > _MAX_MODELS:
             self.findings.faults.append(
                 f"<include> of {quoted(uri)}: not found; --packages DIR names a folder of models"
             )
@@ -265,6 +275,7 @@ class _SdfReader:
         return writer.root
 
     def _add_joints(self, writer: UrdfWriter) -> None:
+        """Add all joints, and a link for the world where a joint begins there."""
         has_world = any(joint.parent == "world" for joint in self.joints.values())
         if has_world:
             writer.add_link("world")
@@ -288,7 +299,7 @@ class _SdfReader:
         writer.add_fixed(link, frame, X)
 
     def _add_sensors(self, writer: UrdfWriter, element: Element, link: str) -> None:
-        """Add a frame for each sensor that measures the way over the ground or the height."""
+        """Add a frame for each DVL and altimeter."""
         for sensor in element.findall("sensor"):
             types = [sensor.get("type", ""), *sensor.attrib.values()]
             for kind, word in _SENSORS.items():
@@ -304,11 +315,13 @@ class _SdfReader:
                 break
 
     def _add_added_mass(self, writer: UrdfWriter, element: Element, link: str) -> None:
+        """Add the block of a link's added mass."""
         added = element.find("inertial/fluid_added_mass")
         if added is not None:
             writer.add_block(added, link)
 
     def _count_unread(self, link: Element) -> None:
+        """Count the elements of a link that have no place in a URDF."""
         for child in link:
             is_weightless = child.tag == "gravity" and (child.text or "").strip() in ("0", "false")
             if child.tag == "sensor" or child.tag in _OF_LINK | _IGNORED_OF_LINK:

@@ -25,8 +25,6 @@ from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.tasks import FieldOfView, JointTracking, ToolPosition, VehiclePose
 from uvms_ocp.types import Period, Point, Positive, Range
 
-# A small vehicle that reaches with its arm while floating.
-
 
 @checked
 def reach(
@@ -55,13 +53,13 @@ def reach(
     azimuth = rng.uniform(-np.pi, np.pi)
     distance = rng.uniform(2.0, 4.0)
     drop = rng.uniform(0.5, 1.5)
-    drawn = (
+    drawn_point = (
         origin.translation
         + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         - [0.0, 0.0, drop]
     )
     if target is None:
-        point = drawn
+        point = drawn_point
     else:
         point = np.asarray(target, dtype=float)
     q0 = run.start(origin)
@@ -88,12 +86,9 @@ def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.S
     its present posture is just there.
     """
     p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
-    d = target - origin.translation
-    R_WB = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(d[1], d[0])))
+    direction = target - origin.translation
+    R_WB = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(direction[1], direction[0])))
     return pin.SE3(R_WB, target - R_WB @ p_BT)
-
-
-# A small vehicle turns a valve: approach, hold, and a circular tool path, in view of its camera.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -109,6 +104,7 @@ class Circle:
     radius: float
     """[m] radius of the circle."""
     turns: float
+    """Number of turns."""
     duration: float
     """[s] duration of all turns."""
 
@@ -173,10 +169,14 @@ def bluerov_inspection(
         *posture,
     ]
     outer_condition = Below(quantity="TP.position_error", limit=0.06 if run.noise else 0.02)
-    on = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP")
+    active_tasks = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP")
     inner_condition = replace(outer_condition, limit=outer_condition.limit / 2)
-    turn = phase_of("C", "turn", on, DONE, outer_condition, hold=turning + 1.0, TP=circle)
-    phases = (approach_phase(), phase_of("B", "hold", on, "C", inner_condition, hold=1.0), turn)
+    turn = phase_of("C", "turn", active_tasks, DONE, outer_condition, hold=turning + 1.0, TP=circle)
+    phases = (
+        approach_phase(),
+        phase_of("B", "hold", active_tasks, "C", inner_condition, hold=1.0),
+        turn,
+    )
     return run.scenario(
         name="bluerov_inspection",
         mission=mission_of(run.robot, tasks, phases, abort=abort_phase("JL", "MAC", "HA", "MP")),

@@ -5,7 +5,7 @@ priority swap, two targets.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -37,16 +37,15 @@ from uvms_ocp.tasks.task import Task
 from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 from uvms_ocp.types import Finite, Magnitude, Point
 
-# Case 1 of the paper: way point, alignment, landing, tool frame.
-
 _N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
-_DISTANCE = 1.4  # [m] of the way point from the target, horizontally
-_REACHING = 0.55  # of its length, by which the arm bridges it
-# [rad] from the bow to the tool's goal, for an arm that straight ahead is at the end of its first
-# joint
+_DISTANCE = 1.4  # [m] horizontal distance of the way point from the target
+_REACHING = 0.55  # share of its length by which the arm bridges that distance
+# [rad] bearing of the tool's goal from the bow, for an arm whose first joint is at a limit when it
+# points straight ahead
 _ASIDE = 0.15
 
-ADRIFT = Above(quantity="PC.horizontal_error", limit=0.5, release=0.4)  # [m] off the way point
+ADRIFT = Above(quantity="PC.horizontal_error", limit=0.5, release=0.4)
+"""[m] Distance off the way point at which a vehicle counts as adrift, until it is nearer again."""
 
 _APPROACH = np.array([-1.4025, 0.0752, 1.886])  # [m] from a target to its way point
 
@@ -96,9 +95,9 @@ def case1(
     """Return Case 1 of the paper: way point, alignment, landing, tool frame ([Gao2022] Tables 3 and
     4).
 
-    An arm that is shorter than the paper's has its way point as much nearer to the target, and one
-    of less than six joints, which meets no pose from where the vehicle stands, brings its tool to
-    the position alone; beside the target, where straight ahead its first joint is at a limit.
+    For an arm that is shorter than the paper's the way point is nearer to the target. An arm of less
+    than six joints, which meets no pose from where the vehicle stands, brings its tool to the
+    position alone, and beside the target where its first joint is at a limit straight ahead.
 
     start, way_point: X_WB. posture (n_joints,) [rad]: joints at the start, the stowed posture by
     default. target (3,) [m] in W: where AT points. tool_goal: X_WT or a motion of it, at the target
@@ -113,25 +112,26 @@ def case1(
     origin = start or pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
     point = np.asarray(target, dtype=float)
     default = np.array([10.8, 37.45, -38.0])
-    share, carried, aside = _scaled_to_arm(run.robot)
+    arm = _arm_setting(run.robot)
     goal = way_point or pose_at(
-        tuple(default - (1.0 - share) * (default - point)), (0.0, -0.06, 0.5)
+        tuple(default - (1.0 - arm.shares) * (default - point)), (0.0, -0.06, 0.5)
     )
-    tool = tool_goal or pose_at(_beside(point, goal, aside), (np.pi, 0.0, 0.0))
+    tool = tool_goal or pose_at(_beside(point, goal, arm.bearing), (np.pi, 0.0, 0.0))
     limits = thresholds or Thresholds.suggested(plant=run.plant, noise=run.noise)
-    listed = case1_tasks(run.robot, goal, point, tool, carried)
-    phases = case1_phases(limits, pose=any(isinstance(task, ToolPose) for task in listed))
+    nominal_tasks = case1_tasks(run.robot, goal, point, tool, arm.posture)
+    has_pose = any(isinstance(task, ToolPose) for task in nominal_tasks)
+    phases = case1_phases(limits, pose=has_pose)
     return run.scenario(
         name="case1",
         mission=mission_of(
             run.robot,
-            listed,
+            nominal_tasks,
             phases,
             order=order,
             overrides=tasks,
             abort=abort_phase("JL", "MAC", "HA", "MP"),
         ),
-        start=run.start(origin, carried if posture is None else posture),
+        start=run.start(origin, arm.posture if posture is None else posture),
         markers={"target": tuple(point), "way point": tuple(goal.translation)},
     )
 
@@ -149,15 +149,22 @@ def case1_unreachable(**options: Any) -> Scenario:
     )
 
 
-def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return shares (3,) of the way from the paper's way point to its target for the arm of a
-    robot, its posture and a bearing.
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _ArmSetting:
+    """Setting of Case 1 for the arm of a robot."""
 
-    Shares are at most 1. The posture (n_joints,) [rad or m] is the stowed one, of an arm that is
-    too short one that is carried ahead, where it has nothing in its way from a vehicle on the
-    floor; at the bearing [rad] from the bow at which its first joint is off its limits. Raises
-    `InvalidInput` where no joint moves a tool.
+    shares: np.ndarray
+    """(3,) shares of the paper's distances between way point and target, at most 1."""
+    posture: np.ndarray
+    """(n_joints,) [rad or m] posture at the start: the stowed one, or, of an arm that is too short,
+    one that is carried ahead, where nothing is in its way when the vehicle is on the floor.
     """
+    bearing: float
+    """[rad] bearing of the tool's goal from the bow, at which the first joint is off its limits."""
+
+
+def _arm_setting(robot: Robot) -> _ArmSetting:
+    """Choose the setting for the arm of a robot. Raises `InvalidInput` where no joint moves a tool."""
     joints = _tool_joints(robot)
     if not joints:
         raise InvalidInput(
@@ -188,7 +195,7 @@ def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray, float]:
             ),
         )
         posture[arm_joints] = reaches[bearing].joints[arm_joints]
-    return np.array([share, share, 1.0]), posture, bearing
+    return _ArmSetting(shares=np.array([share, share, 1.0]), posture=posture, bearing=bearing)
 
 
 def _spare(robot: Robot, joints: np.ndarray) -> np.ndarray:
@@ -197,11 +204,9 @@ def _spare(robot: Robot, joints: np.ndarray) -> np.ndarray:
 
 
 def _beside(target: np.ndarray, way_point: pin.SE3, bearing: float) -> Point:
-    """Return the target (3,) [m], or where it would be if it were at a bearing [rad] from the bow
-    that points to it.
-    """
-    way = target - way_point.translation
-    x, y, z = target + (pin.rpy.rpyToMatrix(0.0, 0.0, bearing) @ way - way)
+    """Return the target (3,) [m] turned about the way point by a bearing [rad]."""
+    offset = target - way_point.translation
+    x, y, z = target + (pin.rpy.rpyToMatrix(0.0, 0.0, bearing) @ offset - offset)
     return float(x), float(y), float(z)
 
 
@@ -275,9 +280,6 @@ def case1_phases(thresholds: Thresholds, *, pose: bool = True) -> tuple[Phase, .
     )
 
 
-# A current that sets in while the arm works, and a mission that steps back because of it.
-
-
 @checked
 def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) -> Scenario:
     """Return Case 1 in a current that sets in during phase D and pushes the vehicle off: no
@@ -312,9 +314,6 @@ def with_back_step(phase: Phase, retries: int) -> Phase:
     return phase
 
 
-# What happens where horizontal attitude does not outrank the way point.
-
-
 @checked
 def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
     """Return Case 1 with a way point whose attitude is pitched by 0.3 rad, and PC above HA
@@ -339,9 +338,6 @@ def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
     return replace(scenario, name="priority_swap")
 
 
-# Two tool poses in one mission, with a move of the vehicle between them.
-
-
 @checked
 def two_targets(
     *, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -0.7, **options: Any
@@ -357,16 +353,19 @@ def two_targets(
     scenario = case1(**{"duration": 240.0, **options})
     target = np.asarray(second, dtype=float)
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, second_yaw)
-    share, _, aside = _scaled_to_arm(scenario.robot)
-    way_point = pose_at(tuple(target + turn @ (share * _APPROACH)), (0.0, -0.06, second_yaw))
+    arm = _arm_setting(scenario.robot)
+    way_point = pose_at(tuple(target + turn @ (arm.shares * _APPROACH)), (0.0, -0.06, second_yaw))
     goals = {
         "PC": way_point,
         "AT": target,
-        "T": pose_at(_beside(target, way_point, aside), (np.pi, 0.0, second_yaw)),
+        "T": pose_at(_beside(target, way_point, arm.bearing), (np.pi, 0.0, second_yaw)),
     }
-    once = scenario.mission.phases
-    again = [replace(phase, goals=goals) for phase in once]
-    phases = (*_renamed(once, "1", after="A2"), *_renamed(again, "2", after=DONE))
+    first_phases = scenario.mission.phases
+    second_phases = [replace(phase, goals=goals) for phase in first_phases]
+    phases = (
+        *_renamed(first_phases, "1", after="A2"),
+        *_renamed(second_phases, "2", after=DONE),
+    )
     markers = {**scenario.markers, "second target": tuple(target.tolist())}
     return replace(
         scenario,

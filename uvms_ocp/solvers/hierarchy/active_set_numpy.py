@@ -5,8 +5,8 @@ A hierarchy of equalities is solved level by level in the null space of the leve
 the step towards that optimum meets become active, and the one whose multiplier has the wrong sign
 at the first level that has any is dropped. Where the result of a run from a warm start is not
 certified, the next starts cold; then every level is solved on its own with those above held,
-ordinarily and with more care; then fewer levels. Where nothing is certified the best velocity
-counts, by levels in their order.
+ordinarily and with more care; then fewer levels. Where nothing is certified the velocity counts that
+is best at the highest level where velocities differ.
 
 `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
 """
@@ -63,14 +63,16 @@ CAREFUL = PivotRules(
 
 
 class _Block(NamedTuple):
-    """Active rows of one level, pivots first, in the coordinates of the factorisation, of which the
-    first `column` belong to the levels above.
-    """
+    """Active rows of one level, pivots first, in the coordinates of the factorisation."""
 
     rows: Indices
+    """(m,) numbers of the rows, the first `rank` of them pivots."""
     T: Array
+    """(m, n) rows in those coordinates."""
     column: int
+    """Number of coordinates that belong to the levels above."""
     rank: int
+    """Number of coordinates that this level determines."""
 
 
 class _Rule(IntEnum):
@@ -106,11 +108,14 @@ class _ActiveSet:
         self.state[rows.lower >= rows.upper] = EQUAL
         self.tabu = np.zeros(len(rows.J), dtype=bool)
         """(M,) rows that must not be dropped any more."""
-        self.v = self.target = np.zeros(rows.J.shape[1])
-        """(n,) where the run is, and the optimum of the active rows."""
+        self.v = np.zeros(rows.J.shape[1])
+        """(n,) velocity that the run has reached."""
+        self.target = np.zeros(rows.J.shape[1])
+        """(n,) optimum of the active rows."""
         self.slack = np.zeros(len(rows.J))
+        """(M,) by how much active rows miss their bound at the target."""
         self.blocks = list[_Block]()
-        """(M,) by how much active rows miss their bound there, and these rows level by level."""
+        """Active rows level by level."""
 
     def solve(self, max_iterations: int) -> tuple[Array, int]:
         """Return the optimum (n,) and the number of iterations, `max_iterations` at most."""
@@ -264,8 +269,9 @@ def lexicographic_least_squares(
     rows: NormalRows, active_set: Array, rules: PivotRules, max_iterations: int
 ) -> tuple[Array, Array, int]:
     """Run the method once; return w (n,) in normal units, active set (M,) and number of iterations,
-    `max_iterations` at most. The result is not judged; active_set (M,): `RowState` of each row to
-    start with.
+    `max_iterations` at most. The result is not certified.
+
+    active_set (M,): `RowState` of each row to start with.
     """
     run = _ActiveSet(rows, active_set, rules)
     w, iterations = run.solve(max_iterations)
@@ -308,7 +314,7 @@ def solve_levels(
             iterations=0,
         )
     rows = normal_rows(J, *widen_bounds(J, lower, upper, gate), sizes)
-    # No run gets hold of what is lost.
+    # No run can mend entries that were lost to rounding: they are judged once, below.
     attempts = _Attempts(replace(rows, lost=NO_NEGLIGIBLE_ROWS))
     status = attempts.solve(active_set)
     v = attempts.w * rows.velocity

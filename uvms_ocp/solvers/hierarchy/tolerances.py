@@ -41,7 +41,7 @@ anew, as subtractions have taken two of its digits.
 CAREFUL_RANK = 1e-12
 """`RANK_TOLERANCE` of the second attempt level by level, to which more rows are independent."""
 CAREFUL_NOISE = 1e-15
-"""`RANK_NOISE` of that attempt."""
+"""`RANK_NOISE` of the second attempt level by level."""
 
 FEASIBLE = 1e-12
 """Relative to the size of a row: by how much it may be beyond a bound before it becomes active.
@@ -106,21 +106,21 @@ class IterationBudget:
     """Iteration budget of runs with a given number of rows."""
 
     most_iterations: int
-    """A run that needs more ends where it is."""
+    """Largest number of iterations of one run, which ends there."""
     most_of_all: int
-    """Iterations of all runs of one call together, whatever the numbers: warm, cold and all
-    fallbacks. So its time is bounded.
+    """Largest number of iterations of all runs of one call together, warm, cold and fallbacks, which
+    bounds its time.
     """
     bland_stalls: int
     """Standstills after which the first wrong row is dropped, not the worst, which ends nearly
     every cycle.
     """
     tabu_stalls: int
-    """Standstills after which a dropped row stays once it is active again, which ends all of
-    them.
+    """Standstills after which a dropped row stays once it is active again, which ends every
+    cycle.
     """
     tabu_iterations: int
-    """Iterations after which the same holds, since a cycle may move a little."""
+    """Iterations after which a dropped row stays, since a cycle may move a little."""
 
 
 def iteration_budget(n_rows: int) -> IterationBudget:

@@ -189,17 +189,17 @@ class LevelModel(Protocol):
     def step(
         self, level: int, point: SqpPoint, bounds: nlp.RowBounds, damping: float
     ) -> nlp.NlpStatus | None:
-        """Find the step of a level from a point, and why there is none; damping [1/unit of x^2]:
-        weight of its square.
+        """Find the step of a level from a point; return the reason where there is none. damping
+        [1/unit of x^2]: weight of the square of the step.
         """
         ...
 
     def moved(self, share: float) -> SqpPoint:
-        """After a share of the last step."""
+        """Return the point after a share of the last step."""
         ...
 
     def variables(self, point: SqpPoint) -> np.ndarray:
-        """Variables (n_x,) [unit of x] of a point."""
+        """Return the variables (n_x,) [unit of x] of a point."""
         ...
 
 

@@ -86,8 +86,8 @@ def recession_problem(qp: problem.StageQp) -> problem.StageQp:
     """Return the QP whose optimum is the steepest of all directions along which no cost but the
     linear one changes, and no hard row breaks.
 
-    Directions are a cone, and the optimum is what of the gradient lies in it: 0 where there is
-    none.
+    Directions form a cone, and the optimum is the projection of the negative gradient on it: 0 where
+    there is no such direction.
     """
     curved = [H[np.abs(H).any(axis=1)] for H in qp.H]
     recession = with_rows(qp, [np.vstack(pair) for pair in zip(qp.J, curved, strict=True)])
@@ -107,8 +107,8 @@ def recession_problem(qp: problem.StageQp) -> problem.StageQp:
 
 
 def _make_cone(qp: problem.StageQp, z: str, steepest: float) -> None:
-    """Set every finite bound to 0, and make rows hard whose penalty is quadratic: along a direction
-    without end these must not be missed.
+    """Set every finite bound to 0, and make rows with a quadratic penalty hard: its cost would grow
+    without end along a direction that misses them.
     """
     for side, endless in _SIDES:
         bound = qp.flat[f"{z}{side}"]
@@ -170,8 +170,8 @@ class StageQpSolver:
     def solve(
         self, qp: problem.StageQp, warm: problem.StageQpSolution | None = None
     ) -> problem.StageQpSolution:
-        """Return the optimum; where there is none, what `StageQpStatus` says. No numbers raise
-        anything.
+        """Return the optimum; where there is none, `StageQpStatus` tells why. Numbers of any kind
+        raise nothing.
 
         warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of
         another shape.
@@ -256,8 +256,8 @@ class StageQpSolver:
         return self.options.tolerance * tolerances.INEXACT_TOLERANCES
 
     def _final_status(self, best: problem.FlatSolution) -> problem.StageQpStatus:
-        """Return what the better of two runs is called: endless steps, and rounding, prove
-        nothing.
+        """Return the status of the better of two runs; steps without end and rounding prove nothing,
+        and count as an iteration limit.
         """
         if best.status is problem.StageQpStatus.SOLVED:
             return best.status
@@ -291,7 +291,7 @@ class StageQpSolver:
 
 
 def _only_rounding(qp: problem.StageQp, end: problem.FlatSolution) -> bool:
-    """Check whether a cost that is convex, as a sum of squares, seemed not to be."""
+    """Check whether a cost that is a sum of squares, and so convex, was taken for not convex."""
     if end.status is not problem.StageQpStatus.NOT_CONVEX:
         return False
     return not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
