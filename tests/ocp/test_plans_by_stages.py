@@ -193,7 +193,10 @@ def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     d = rng.standard_normal(step.numel())
     here = (z, s, u, *tangent.forces[1](z, u))
     bent = tangent.step_curvature(
-        z, after, costates, model.bend(z[: model.n_motion], u, function.weights(*here, y, r))
+        z,
+        after,
+        costates,
+        model.force_curvature(z[: model.n_motion], u, function.weights(*here, y, r)),
     )
     H = function.curvature(*here, y, r, bent)
     moved = ca.Function("moved", [model.z, step], [tangent.moved(step)])

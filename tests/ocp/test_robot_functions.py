@@ -250,7 +250,7 @@ def test_another_text_of_the_code_that_makes_functions_makes_them_anew(
             for block in term_blocks(model)
         ]
         _ = (
-            model.bend,
+            model.force_curvature,
             tangent.step_curvature,
             functions.motion_functions(tangent),
             [block.curvature for block in blocks],

@@ -51,7 +51,7 @@ class Distribution(Protocol):
 
 @checked_dataclass(kw_only=False)
 class Uniform(Distribution):
-    """Every value between two is as likely. Raises `InvalidInput` where they are in the wrong
+    """Uniform distribution between two bounds. Raises `InvalidInput` where they are in the wrong
     order.
     """
 
@@ -74,8 +74,8 @@ class Uniform(Distribution):
 
 @checked_dataclass(kw_only=False)
 class Normal(Distribution):
-    """Gauss's bell; it has no bounds, so that a parameter that cannot be below 0 is better a
-    `LogNormal`.
+    """Normal distribution. It has no bounds: for a parameter that cannot be below 0 a `LogNormal` is
+    better.
     """
 
     mean: Finite
@@ -90,7 +90,7 @@ class Normal(Distribution):
 
 @checked_dataclass(kw_only=False)
 class LogNormal(Distribution):
-    """A factor that is as likely to be twice as large as half as large: the logarithm is normal."""
+    """Log-normal distribution: twice the median is as likely as half of it."""
 
     median: Positive = 1.0
     """[unit of the parameter] median."""
@@ -104,8 +104,8 @@ class LogNormal(Distribution):
 
 @checked_dataclass(kw_only=False)
 class Triangular(Distribution):
-    """Most likely at a mode, never beyond two bounds. Raises `InvalidInput` where they are in the
-    wrong order.
+    """Triangular distribution between two bounds, most likely at a mode. Raises `InvalidInput` where
+    they are in the wrong order.
     """
 
     lower: Finite
@@ -151,6 +151,7 @@ class OfScipy(Distribution):
     """A frozen distribution of scipy.stats."""
 
     frozen: Any
+    """Distribution with its parameters, such as ``scipy.stats.beta(2, 5)``."""
 
     def quantile(self, u: float) -> float:
         """Return the value [unit of the parameter] below which a share u lies."""
@@ -165,8 +166,8 @@ class OfScipy(Distribution):
 
 
 def distribution_of(value: Any) -> Distribution:
-    """Return one of ours as it is, one of scipy.stats in our words. Raises `InvalidInput` for what
-    is neither.
+    """Return a `Distribution` as it is, and one of scipy.stats as `OfScipy`. Raises `InvalidInput` for
+    anything else.
     """
     if hasattr(value, "quantile"):
         return value
@@ -179,8 +180,9 @@ def distribution_of(value: Any) -> Distribution:
 
 
 def _standard_normal(u: float) -> float:
+    """Return the quantile of the standard normal distribution, finite at u = 0 and 1 too, which
+    samplers can give.
+    """
     from scipy.special import ndtri
 
-    return float(
-        ndtri(min(max(u, 1e-16), 1.0 - 1e-16))
-    )  # finite at the ends, which samplers can give
+    return float(ndtri(min(max(u, 1e-16), 1.0 - 1e-16)))

@@ -1,5 +1,5 @@
-"""Compile in threads beside other work; what a process leaves unfinished at its end another one
-completes.
+"""Compile in threads beside other work; another process completes compilations that are unfinished
+when this one ends.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from uvms_ocp.codegen import c_compiler
 from uvms_ocp.codegen.libraries import BEHIND_OTHERS
 
 _MAX_COMPILERS = 4
-"""Compilers of a process at once: the processes of a campaign are many."""
+"""Largest number of compilers that a process runs at once, as a campaign has many processes."""
 _BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []
 """Compilations in the background, whether anybody waits for them or not, with the work of each."""
 
@@ -39,7 +39,9 @@ def start_beside(work: Callable[[], T]) -> AsyncResult[T]:
 
 
 def await_result(result: AsyncResult[T]) -> T:
-    """Wait for what was started; Ctrl-C ends all that was, and no other process goes on with it."""
+    """Wait for a compilation that was started. Ctrl-C here ends all of them, and no other process
+    completes them.
+    """
     try:
         return result.get()
     except KeyboardInterrupt:
@@ -56,8 +58,8 @@ def n_processors() -> int:
 
 @cache
 def _workers(process: int) -> ThreadPool:
-    """Return the compiler threads of this process, as a fork has none; they end with it, whatever
-    is still being compiled.
+    """Return the compiler threads of a process, which a fork of it does not have; they end with the
+    process, whatever is still being compiled.
     """
     pool = ThreadPool(min(_MAX_COMPILERS, n_processors()))
 
@@ -84,7 +86,7 @@ def _hand_over(unfinished: Sequence[Callable[[], object]]) -> None:
     libraries.
     """
     is_python = "python" in Path(sys.executable or "").name.lower()
-    if not is_python:  # but a program that has Python in it, and would begin anew
+    if not is_python:  # a program that embeds Python, which would start anew
         return
     imports = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_what_is_left"
     with suppress(OSError, AttributeError, pickle.PicklingError), tempfile.TemporaryFile() as file:
@@ -100,8 +102,8 @@ def _hand_over(unfinished: Sequence[Callable[[], object]]) -> None:
 
 
 def compile_what_is_left() -> None:
-    """Compile what another process has begun and left on stdin, behind all other work of the
-    machine.
+    """Compile the unfinished compilations of another process, pickled on stdin, at the lowest
+    priority.
     """
     if sys.platform != "win32":
         os.nice(19)
@@ -114,5 +116,5 @@ def compile_what_is_left() -> None:
 
 
 if sys.platform != "win32":
-    # What was begun goes on in the threads of the parent, which a fork has none of.
+    # Compilations go on in the threads of the parent, which a fork does not have.
     os.register_at_fork(after_in_child=_BEGUN.clear)

@@ -1,5 +1,5 @@
 """Continue times of a clock that begins anew in a file: a counter that wraps goes on where that is
-certain, and what was recorded after another boot comes after it, as a part of its own.
+certain, and samples recorded after another boot come behind those before it, as a part of their own.
 
 Late messages, which are older than those before them, are no boot: time jumps forward again by as
 much.

@@ -344,7 +344,7 @@ class Objective:
         by_pose = share * np.einsum("ki,kij->kj", excess, slope)
         n_without_pose = trajectory.x.shape[1] - slope.shape[2]
         by_x = np.pad(by_pose, ((0, 0), (0, n_without_pose)))
-        by_u, by_late = self.simulator.pulled(trajectory, M, by_x)
+        by_u, by_late = self.simulator.criterion_gradient(trajectory, M, by_x)
         hurry, by_sent = self._hurry(history.sent @ knots, price)
         gradient = history.acting.T @ by_u + history.late.T @ by_late + history.sent.T @ by_sent
         return figure + share * float((excess**2).sum()) / 2.0 + hurry, gradient

@@ -51,6 +51,7 @@ class TopicColumns:
     """Columns to read from the messages of a topic."""
 
     topic: str
+    """Name of the topic."""
     columns: tuple[str, ...]
     """Paths of fields, see `uvms_ocp.identification.message_fields`."""
     time: str = ""
@@ -58,14 +59,16 @@ class TopicColumns:
     unit: float = 1.0
     """[s] unit of a time that is a plain number."""
     rows: tuple[tuple[str, float | str], ...] = ()
-    """Fields, or names of senders, and the values that messages must have in them."""
+    """Fields, or properties of senders, and the values that messages must have in them."""
 
 
 @lru_cache(maxsize=1)  # as a mapping is tried with other units and axes
 def _rows_of(
     path: Path, topics: Sequence[tuple[str, TopicColumns]], definitions: Path | None, state: object
 ) -> Mapping[str, TableColumns]:
-    """Read the columns of `message_rows`; state: changes when a file does, so that the cache is not used."""
+    """Read the columns of `message_rows`. state: times and sizes of the files, with which a changed
+    file is read anew.
+    """
     remarks: list[str] = []
     rows_by_name = {name: _Rows(name, columns) for name, columns in topics}
     by_topic: dict[str, list[_Rows]] = defaultdict(list)
@@ -90,12 +93,18 @@ class _Rows:
         self.time = steps_of(topic_columns.time) if topic_columns.time else ()
         self.columns = [steps_of(column) for column in topic_columns.columns]
         self.paths: list[tuple[tuple[str, ...], ...]] = []
+        """Paths of each column in the first message, elements by their names."""
         self.conditions = [(name, steps_of(name), value) for name, value in topic_columns.rows]
         self.numbers = array("d")
+        """Times and values, row after row."""
         self.width = 0
+        """Numbers of a row, the time included."""
         self.missing: NameNotFound | None = None
+        """First error of a field that a message lacks."""
         self.file_units: Mapping[str, str] = {}
+        """Units of fields as the file states them."""
         self.n_others = 0
+        """Number of messages that the mapping does not choose."""
         self.senders = SenderCount()
 
     def add(self, message: Message) -> None:
@@ -138,26 +147,30 @@ class _Rows:
         """
         if not self.numbers:
             self.paths = [paths_by_name(content, steps) for steps in self.columns]
-        for column, steps, first in zip(
+        for column, steps, first_paths in zip(
             self.selection.columns, self.columns, self.paths, strict=True
         ):
-            if first != (steps,):
-                self._require_same_names(content, column, first, paths_by_name(content, steps))
+            if first_paths != (steps,):
+                self._require_same_names(
+                    content, column, first_paths, paths_by_name(content, steps)
+                )
         return list(chain.from_iterable(self.paths))
 
     def _require_same_names(
         self,
         content: Any,
         column: str,
-        first: tuple[tuple[str, ...], ...],
+        first_paths: tuple[tuple[str, ...], ...],
         paths: tuple[tuple[str, ...], ...],
     ) -> None:
-        """Check that a column has in a message the names that it had first. Raises InvalidInput."""
-        has_all = all(has_value(content, path) for path in first)
-        if has_all and len(paths) == len(first):
+        """Check that a column of a message has the names that it had in the first one. Raises
+        InvalidInput.
+        """
+        has_all = all(has_value(content, path) for path in first_paths)
+        if has_all and len(paths) == len(first_paths):
             return
         raise InvalidInput(
-            f"{self.name}: {self.selection.topic}: {column} is {_joined(first)} at first, then"
+            f"{self.name}: {self.selection.topic}: {column} is {_joined(first_paths)} at first, then"
             f" {_joined(paths)}; give elements by their names"
         )
 
@@ -179,8 +192,8 @@ class _Rows:
         return True
 
     def units(self) -> tuple[str, ...]:
-        """Return the unit of each column as the file says it, empty where it does not; arrays have
-        more columns than paths.
+        """Return the unit of each column as the file states it, empty where it does not, as for
+        arrays, which have more columns than paths.
         """
         paths = (self.selection.time, *self.selection.columns)
         units = tuple(self.file_units.get(path, "") for path in paths)

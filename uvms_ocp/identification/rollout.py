@@ -27,7 +27,9 @@ of each.
 """
 N_START = 9
 """Number of unknowns of a start: velocity (6), then the turn of the attitude in B (3)."""
-_MOST_STEPS = 4_000  # one after the other in a function, and states whose outputs are taken at once
+_MAX_STEPS = (
+    4_000  # of steps in sequence in a function, and of states whose outputs are evaluated at once
+)
 Weights = Callable[[int, tuple[np.ndarray, ...]], Sequence[tuple[np.ndarray, np.ndarray]]]
 """Maps the index of a segment and its rows to weights w and weighted residuals w r of each sensor,
 both (m, 3).
@@ -161,7 +163,7 @@ class _SegmentSimulation:
     def rows(self) -> list[PredictedOutputs]:
         """Return the outputs at the times of the samples, without slopes."""
         m, n_edges, _ = self._x.shape
-        parts = np.array_split(np.arange(m * n_edges), -(-m * n_edges // _MOST_STEPS))
+        parts = np.array_split(np.arange(m * n_edges), -(-m * n_edges // _MAX_STEPS))
         y = np.vstack([self._outputs(part)[0].T for part in parts]).reshape(m, n_edges, N_SEEN)
         predictions = []
         for k in range(m):
@@ -193,11 +195,11 @@ class _SegmentSimulation:
         x = np.empty((m, n + 1, self._stage.n_x))
         for k, (start, (thrust, _, _)) in enumerate(zip(starts, self._begun, strict=True)):
             x[k, 0] = np.concatenate([start.q, start.v, thrust.ravel()])
-        for first in range(0, n, _MOST_STEPS):
+        for first in range(0, n, _MAX_STEPS):
             parts = []
             for inputs in self._step_inputs:
                 by_segment = inputs.reshape(len(inputs), m, n)
-                parts.append(by_segment[:, :, first : first + _MOST_STEPS])
+                parts.append(by_segment[:, :, first : first + _MAX_STEPS])
             n_part = parts[0].shape[2]
             arguments = [part.reshape(len(part), m * n_part) for part in parts]
             function = self._rollout.many("step", self._rollout.step, n_part, m)
@@ -267,7 +269,7 @@ class _SegmentSimulation:
         m = len(self._p)
         results = _evaluated(self._rollout.many(name, function, 0, m), *arguments)
         blocks = [np.split(result, m, axis=1) for result in results]
-        return [list(of_segment) for of_segment in zip(*blocks, strict=True)]
+        return [list(segment_results) for segment_results in zip(*blocks, strict=True)]
 
     def _sensitivities(self) -> np.ndarray:
         """Compute the slopes (m, n + 1, n_x, n_p + 9) of states with unknowns and starts."""

@@ -15,16 +15,17 @@ from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.identification.logged_message import Message, connection_identity
 
 _SEPARATOR = "=" * 80 + "\n"
-"""Line between the definitions of a schema in IDL."""
+"""Separator of the definitions in a schema of IDL."""
 
 
 def ros_decoder(
     name: str, encoding: str, text: str, definitions: Path | None = None
 ) -> Callable[[bytes], Any]:
-    """Make the decoder of a message type; encoding: ros2msg or ros2idl, of the text; without text
-    by those that are known.
+    """Make the decoder of a message type. encoding: ros2msg or ros2idl, the language of the schema
+    `text`; without a text the types of the library serve.
 
-    definitions: folder with more of these, ``.msg`` files. Raises NotInstalled, InvalidInput.
+    definitions: folder with definitions of further types, ``.msg`` files. Raises NotInstalled,
+    InvalidInput.
     """
     typesys = _typesystem()
     parsers = {
@@ -61,7 +62,7 @@ def _of_idl(typesys: Any, text: str) -> dict[str, Any]:
 
 
 def _of_folder(typesys: Any, folder: Path) -> dict[str, Any]:
-    """Definitions of ``PACKAGE/msg/NAME.msg`` or ``PACKAGE/NAME.msg``, anywhere in a folder."""
+    """Return the types of ``PACKAGE/msg/NAME.msg`` or ``PACKAGE/NAME.msg`` anywhere in a folder."""
     types: dict[str, Any] = {}
     for file in sorted(folder.rglob("*.msg")):
         folder_of_package = file.parent.parent if file.parent.name == "msg" else file.parent
@@ -77,6 +78,7 @@ def _of_folder(typesys: Any, folder: Path) -> dict[str, Any]:
 
 
 def _typesystem() -> Any:
+    """Import the types of the library. Raises NotInstalled without it."""
     return optional_module("rosbags.typesys", "a recording of ROS", '"uvms-ocp[rosbags]"')
 
 
@@ -102,6 +104,7 @@ def ros1_topics(path: Path) -> Collection[str]:
 
 
 def _ros1(path: Path) -> Any:
+    """Return a reader of a bag of ROS 1."""
     _typesystem()
     from rosbags.highlevel import AnyReader
 
@@ -112,7 +115,7 @@ def sqlite_messages(
     path: Path, topics: Collection[str], definitions: Path | None, _: list[str]
 ) -> Iterator[Message]:
     """Yield the messages of some topics of a bag of ROS 2 in SQLite. Raises InvalidInput for a damaged
-    one, and for messages without a definition.
+    bag, and for messages without a definition.
     """
     with _data_base(path) as base:
         texts = _definitions(base)
@@ -136,7 +139,7 @@ def sqlite_messages(
 
 
 def sqlite_topics(path: Path) -> Collection[str]:
-    """Return the topics of a bag of ROS 2 in SQLite. Raises InvalidInput for a damaged one."""
+    """Return the topics of a bag of ROS 2 in SQLite. Raises InvalidInput for a damaged bag."""
     _typesystem()
     with _data_base(path) as base:
         return {topic for (topic,) in base.execute("SELECT name FROM topics")}
@@ -144,8 +147,8 @@ def sqlite_topics(path: Path) -> Collection[str]:
 
 @contextmanager
 def _data_base(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open a data base of tables alone: one that makes up its rows has as many, of a few bytes, as
-    there is time for.
+    """Open a data base that holds plain tables alone: views and triggers could make up rows without
+    end. Raises InvalidInput for others.
     """
     uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
     with closing(sqlite3.connect(uri, uri=True)) as base:
@@ -165,8 +168,8 @@ def _data_base(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _definitions(base: sqlite3.Connection) -> dict[str, tuple[str, str]]:
-    """Encoding and text of the definition of each type, which bags of Humble and before do not
-    hold.
+    """Return encoding and text of the definition of each type; bags of ROS 2 Humble and before hold
+    none.
     """
     n_tables = base.execute(
         "SELECT count(*) FROM sqlite_master WHERE name = 'message_definitions'"

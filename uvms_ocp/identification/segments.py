@@ -59,7 +59,7 @@ class Segment:
         return float(self.edges[1] - self.edges[0])
 
     def first(self, duration: float) -> Segment:
-        """Return its first part of some duration [s], at least a step."""
+        """Return the first part of the segment, of a duration [s] and at least a step."""
         n = min(max(1, round(duration / self.step)), len(self.edges) - 1)
         return _cut(self, 0, n, self.q, self.v)
 
@@ -156,8 +156,8 @@ class PreparedRecording:
         return self._parts(whole, begins, n_before + n_after)
 
     def _whole(self, edges: np.ndarray) -> Segment:
-        """Make one segment of the whole recording, in steps with edges (n + 1,) [s]; where it begins
-        is left at 0.
+        """Make one segment of the whole recording, in steps with edges (n + 1,) [s]; its pose and
+        velocity at the beginning are left at 0.
         """
         attitude = self.recording.channel("attitude")
         velocity = self.recording.channel("linear_velocity")
@@ -212,7 +212,7 @@ def _cut(segment: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) 
 
 
 def _actuator_commands(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Channel:
-    """Return the commands of the actuators: those recorded, shared out by the allocation."""
+    """Return the commands of the actuators: the recorded ones, turned to theirs by the allocation."""
     name = vehicle.actuators.commands or _only_commands(recording)
     channel = recording.channel(name)
     allocation = vehicle.actuators.allocation

@@ -66,14 +66,14 @@ class TrajectorySimulator:
             x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J
         )
 
-    def pulled(
+    def criterion_gradient(
         self, trajectory: ExperimentTrajectory, M: np.ndarray, with_x: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Compute the gradient of a criterion by u and late (n, n_u) [1/N, 1/(N m), and s times
         these] (adjoint method).
 
-        M: (n + 1, 9, n_p) [1 / unit of J] is how it changes with J, with_x: (n + 1, n_x) [1 / unit
-        of x] with x itself.
+        M: (n + 1, 9, n_p) [1 / unit of J] derivative of the criterion by J; with_x: (n + 1, n_x) [1 /
+        unit of x] its derivative by x itself.
         """
         A, _, C = trajectory.slopes
         L = _backward(A, np.swapaxes(trajectory.y_x, 1, 2) @ M)[1:]
@@ -112,7 +112,9 @@ class TrajectorySimulator:
 
     @cached_property
     def _step_curvature(self) -> ca.Function:
-        """Compiled ``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x, u``."""
+        """Function ``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x, u``,
+        compiled.
+        """
         stage = self._stage
         shapes = ((stage.n_x, 1), (stage.n_u, 1), (3 * stage.n_j, 1), (stage.n_p, 1), (1, 1))
         arguments = [ca.SX.sym("given", *shape) for shape in shapes]
@@ -121,7 +123,7 @@ class TrajectorySimulator:
 
     @cached_property
     def _output_curvature(self) -> ca.Function:
-        """``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
+        """Function ``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``."""
         arguments = [ca.SX.sym("given", self._stage.n_x), ca.SX.sym("given", self._stage.n_p)]
         _, *slopes = self._stage.outputs(*arguments)
         return _weighted_gradient("bent_seen", arguments, slopes, arguments[:1])
@@ -147,6 +149,7 @@ class TrajectorySimulator:
     def _outputs(
         self, key: tuple[str, int], function: ca.Function, *arguments: np.ndarray
     ) -> tuple[np.ndarray, ...]:
+        """Evaluate a function through memory that is kept by a key."""
         if key not in self._buffered:
             self._buffered[key] = BufferedFunction(function)
         return self._buffered[key](*arguments)
@@ -177,7 +180,7 @@ class ExperimentTrajectory:
 
 
 def _wide(parts: tuple[np.ndarray, ...]) -> Iterator[np.ndarray]:
-    """Yield arrays (rows, n columns), of parts (n, rows, columns) side by side."""
+    """Yield arrays (rows, n columns) of parts (n, rows, columns), put side by side."""
     for part in parts:
         yield part.transpose(1, 0, 2).reshape(part.shape[1], -1)
 

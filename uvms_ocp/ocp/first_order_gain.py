@@ -1,10 +1,10 @@
 """Tell by how much a small step could still lower the cost of a level of a motion.
 
-The plain rows of the problem, linearized at the motion, and nothing of the solver that found it: no
-step that it took, no damping, no multipliers, no scaling of its own. Levels above are held where
-the motion has them. The step of Gauss and Newton within the linearized rows, by an interior point
-of another library, gains nothing exactly where the gradient of the Lagrangian, projected on what
-the active rows leave free, is zero with multipliers of the right signs; these are found with it.
+Only the rows of the problem are used, linearized at the motion, and nothing of the solver that found
+it: neither steps nor damping, multipliers or scaling. Levels above are held at their values. The
+Gauss-Newton step within the linearized rows, by an interior point of another library, gains nothing
+exactly where the motion is stationary: where the gradient of the Lagrangian, projected on the null
+space of the active rows, is zero with multipliers of the right signs, which that library finds too.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from uvms_ocp.types import Array
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
-_QP = "piqp"  # proximal interior point of CasADi's wheel, by which nothing here is planned
-# largest errors of its optimum; the next where rounding keeps it from one
+_QP = "piqp"  # proximal interior point of CasADi's wheel, which plans nothing here
+# tolerances of its optimum; the second where rounding keeps it from the first
 _QP_TOLERANCES = (1e-9, 1e-7)
-_LONGEST_STEP = 1.0  # [unit of the variable] as far as the linearization is followed
+_LONGEST_STEP = 1.0  # [unit of the variable] entry of a step up to which rows count as linear
 # rounds in which planes at the end of a step are kept too, where shapes are near
 _SHAPE_ROUNDS = 6
-_STEP_NEAR_SHAPES = 0.1  # [unit of the variable] how far the step of such a round goes
+_STEP_NEAR_SHAPES = 0.1  # [unit of the variable] largest entry of the step of such a round
 _SMALLEST_CURVATURE = 1e-9  # [share of the cost / unit^2] makes the step unique
-_ROUNDING = 1e-7  # [unit of the row] by which rows that are kept may give way
-_NO_COST = 1e-12  # cost of a level that has none
+_ROUNDING = 1e-7  # [unit of the row] by which rows that are kept may be violated
+_NO_COST = 1e-12  # cost up to which a level is at its best
 
 LinearRows = tuple["csc_matrix", Array, Array]
 """Slopes (m, n_x) of rows by the variables, and lower and upper bounds (m,) of their change."""
@@ -123,16 +123,20 @@ class LinearizedMotion:
     """All rows of a problem linearized at a motion."""
 
     transcription: Transcription
+    """NLP of problems of this shape."""
     problem: OcpProblem
+    """Problem that the motion solves."""
     trajectory: Trajectory
+    """The motion."""
     t0: float
+    """[s] time of its first node, for goals that move."""
     tightened: Tightening = NO_TIGHTENING
     """Margins of nodes beyond their ranges, so that these are kept between nodes."""
 
     @cached_property
     def x(self) -> Array:
-        """(n_x,) variables; of the two quaternions of an attitude the nearer one to that of the
-        node before, so that rows that work on the four numbers see no turn by 360 deg.
+        """(n_x,) variables. Of the two quaternions of an attitude the one nearer to that of the node
+        before, so that for rows of the four numbers there is no turn by 360 deg.
         """
         q = self.trajectory.q.copy()
         if self.problem.robot.n_vehicle:
@@ -157,14 +161,14 @@ class LinearizedMotion:
 
     @cached_property
     def _shapes(self) -> Array:
-        """(n_constraints,) True for rows of shapes."""
+        """(n_constraints,) True for rows of shapes' distances."""
         names = {term.name for term in self.problem.constraints if isinstance(term, ShapeClearance)}
         layout = self.transcription.row_layout
         return np.array([layout.names[row] in names for row in layout.constraints], dtype=bool)
 
     def _planes_after(self, step: Array) -> LinearRows:
-        """Return the rows of shapes as they are after a step (n_x,): edges and corners have other
-        planes there, of which the linearization at the motion knows nothing.
+        """Return the rows of shapes linearized after a step (n_x,): edges and corners have other
+        separating planes there than at the motion.
         """
         after = self.transcription.unpack(self.x + step, self.problem)
         q = admissible(after, self.problem.robot).q
@@ -172,11 +176,12 @@ class LinearizedMotion:
 
     @cached_property
     def _shares(self) -> Array:
+        """(n_rows,) shares of all raw rows in the cost of their level."""
         return _row_shares(self.transcription, self.problem, self.trajectory.t)
 
     def gains(self, enough: float) -> list[LevelGain]:
         """Find the gain of a step for each level, with those above it held; enough: share of the
-        residual that is not looked at more closely.
+        residual up to which planes of shapes are not refined.
         """
         gains = []
         held: list[LinearRows] = [self._constraints()]
@@ -214,8 +219,8 @@ class LinearizedMotion:
         return 0.5 * float(residual @ residual), gradient, jacobian
 
     def _by_durations(self, rows: Array, distance: Array) -> Array:
-        """Return the gradient (n_x,) of the cost by the lengths of steps, as far as these are
-        shares of time.
+        """Return the gradient (n_x,) of the cost by the lengths of steps, which are the weights of
+        path terms.
         """
         gradient = np.zeros(self.transcription.n_x)
         if not self.problem.free_time:
@@ -282,7 +287,7 @@ class LinearizedMotion:
         rows = vstack(slopes).tocsc()
         H = _casadi(hessian.tocsc())
         A = _casadi(rows)
-        # What the motion leaves already may not get worse, so that no step is a step at all times.
+        # Rows that the motion violates may not get worse, so that a step of 0 is always allowed.
         bounds = {
             "lba": np.minimum(np.concatenate(rows_lower), 0.0) - _ROUNDING,
             "uba": np.maximum(np.concatenate(rows_upper), 0.0) + _ROUNDING,
@@ -303,9 +308,9 @@ class LinearizedMotion:
             return LevelGain(residual=residual, gain=np.inf, stationarity=np.inf), step
         change = jacobian @ step
         remaining = max(cost + float(gradient @ step) + 0.5 * float(change @ change), 0.0)
-        of_rows = np.array(solution["lam_a"]).ravel()
-        of_variables = np.array(solution["lam_x"]).ravel()
-        lagrangian = gradient + cost * (rows.T @ of_rows + of_variables)
+        row_multipliers = np.array(solution["lam_a"]).ravel()
+        variable_multipliers = np.array(solution["lam_x"]).ravel()
+        lagrangian = gradient + cost * (rows.T @ row_multipliers + variable_multipliers)
         gain = LevelGain(
             residual=residual,
             gain=max(residual - float((2.0 * remaining) ** 0.5), 0.0),

@@ -23,7 +23,7 @@ from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.tasks.task import Residual, TickSymbols
 from uvms_ocp.types import Array, Indices
 
-_FINEST_SHARE = 128  # of a step, below one part in so many an interval is not halved, for shapes
+_FINEST_SHARE = 128  # parts of a step of which an interval is one that is not halved any more
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -31,12 +31,16 @@ class _TermFunction:
     """Rows of a term in numbers."""
 
     function: ca.Function
-    """``q, v, a, thrust, torque, parameters -> rows``, of one sample a column."""
+    """``q, v, a, thrust, torque, parameters -> rows``, each with one sample in a column."""
     residual: Residual
+    """Expressions and ranges of the rows."""
 
 
 @lru_cache(maxsize=64)
-def _term_function(term: Term, shape: tuple[object, ...], problem: _Same) -> _TermFunction:
+def _term_function(
+    term: Term, shape: tuple[object, ...], problem: _ProblemOfShape
+) -> _TermFunction:
+    """Build the rows of a term, once for all problems of a shape."""
     stage, arguments = _stage_symbols(problem.value)
     parameters = ca.SX.sym("parameters", term.n_parameters(problem.value.robot))
     residual = term.residual(stage, parameters)
@@ -45,15 +49,15 @@ def _term_function(term: Term, shape: tuple[object, ...], problem: _Same) -> _Te
 
 
 @dataclass(frozen=True, slots=True)
-class _Same:
-    """A problem that stands for all of its shape, which is the key."""
+class _ProblemOfShape:
+    """A problem that is equal to any other: the shape beside it is the key of a cache."""
 
     value: OcpProblem = field(compare=False)
 
 
 def _stage_symbols(problem: OcpProblem) -> tuple[StageSymbols, list[ca.SX]]:
-    """Return the symbols that terms are written in, then state and inputs [m, rad, s, N] as they
-    are.
+    """Return the symbols that terms are written in, and those of state and inputs in their units [m,
+    rad, s, N] of which they are made.
     """
     robot = problem.robot
     actuators = ActuationModel(robot, problem.actuation)
@@ -87,7 +91,7 @@ def check_term(motion: Motion, term: Term) -> RangeCheck:
     problem = motion.problem
     path = motion.trajectory
     shape = (problem.robot, problem.actuation, problem.floor, problem.altimeter_frame)
-    rows = _term_function(term, shape, _Same(problem))
+    rows = _term_function(term, shape, _ProblemOfShape(problem))
     m = rows.residual.n_rows
     scope = QuantityRange(
         kind=RangeKind.TERM,
@@ -109,6 +113,7 @@ def check_term(motion: Motion, term: Term) -> RangeCheck:
         return np.asarray(rows.function(*columns).full().T).reshape(len(t), m)
 
     def inside(samples: Samples) -> Array:
+        """Return the rows at samples inside steps."""
         steps, q, v = samples.flat
         return values(samples.t.ravel(), (q, v), steps).reshape(*samples.t.shape, m)
 
@@ -164,7 +169,7 @@ def _spans(problem: OcpProblem) -> list[tuple[OcpPhase, list[int]]]:
 
 def check_shapes(motion: Motion, term: ShapeClearance) -> RangeCheck:
     """Check the distances of shapes: intervals are halved until no pair can miss its margin by more
-    than is known, or they are too short.
+    than it does at samples, or they are too short.
     """
     path = motion.trajectory
     problem = motion.problem
@@ -203,10 +208,11 @@ def check_shapes(motion: Motion, term: ShapeClearance) -> RangeCheck:
 def _halve_intervals(
     motion: Motion, term: ShapeClearance, steps: Indices, lack_at_start: Array
 ) -> tuple[Array, Array, float]:
-    """Look at distances in the middle of intervals, and halve those in which more may be missing.
+    """Compute distances in the middle of intervals, and halve those in which more may be missing.
 
-    Returns the largest lack (N, n_pairs) [m] in every step, its times (N, n_pairs) [s], and by how
-    much [m] more may be missing unseen. lack_at_start (n_pairs,) [m] is allowed in the first step.
+    Returns the largest lack (N, n_pairs) [m] of distance at samples in every step, its times (N,
+    n_pairs) [s], and a bound [m] on the lack beyond it between samples. lack_at_start (n_pairs,)
+    [m]: allowed in the first step.
     """
     path = motion.trajectory
     n_pairs = len(term.margins)
@@ -233,10 +239,10 @@ def _halve_intervals(
         reach = largest_change(term.scene.reach, stepped.bounds(middle, half))
         possible = lack + reach + term.obstacle_motion(reference_times, half)
         with np.errstate(invalid="ignore"):  # overlaps whose depth coal cannot tell
-            more = possible - np.maximum(below[step], 0.0)
-        is_open = is_open & ~(more <= FINE)
+            unseen_lack = possible - np.maximum(below[step], 0.0)
+        is_open = is_open & ~(unseen_lack <= FINE)
         is_short = half * _FINEST_SHARE < motion.h[step]
-        unseen = max(unseen, float(more[is_short[:, None] & is_open].max(initial=0.0)))
+        unseen = max(unseen, float(unseen_lack[is_short[:, None] & is_open].max(initial=0.0)))
         is_halved = is_open.any(axis=1) & ~is_short
         step = np.tile(step[is_halved], 2)
         half = np.tile(half[is_halved] / 2, 2)

@@ -54,12 +54,14 @@ class HessianKind(Enum):
 
 @checked_dataclass(eq=False)
 class OcpPhase:
-    """A stretch of the horizon. Raises `InvalidInput` without steps, and for durations that are not
-    finite and positive.
+    """A part of the horizon with a duration of its own. Raises `InvalidInput` without steps, and for
+    durations that are not finite and positive.
     """
 
     name: str = "horizon"
+    """Name by which terms refer to it."""
     n_steps: AtLeastOne = 40
+    """Number of its steps."""
     duration: float | tuple[float, float]
     """[s] fixed, or a range ``(shortest, longest)`` to choose from."""
 
@@ -82,7 +84,7 @@ class OcpPhase:
 
     @property
     def free(self) -> bool:
-        """The duration is to be chosen."""
+        """True where the duration is to be chosen."""
         return isinstance(self.duration, tuple)
 
     @property
@@ -94,7 +96,7 @@ class OcpPhase:
 
     @property
     def nominal(self) -> float:
-        """Duration [s] of guesses and of references to time."""
+        """Duration [s] of guesses, and for references that depend on time."""
         return 0.5 * sum(self.range)
 
 
@@ -107,9 +109,13 @@ class OcpLevel:
     """
 
     name: str
+    """Name of the level, for reports."""
     terms: tuple[Term, ...]
+    """Terms that are minimised together."""
     relax: Positive | None = None
-    """Relaxation as in `uvms_ocp.solvers.nlp.program.NlpLevel`."""
+    """Share by which the cost of the level may rise for lower levels, see
+    `uvms_ocp.solvers.nlp.program.NlpLevel`; `None` keeps its rows as they are.
+    """
 
     def __post_init__(self) -> None:
         if not self.terms:
@@ -128,30 +134,40 @@ class OcpProblem(FieldTable):
     """
 
     robot: Robot
+    """Robot that moves."""
     start: State
+    """State at the first node."""
     phases: tuple[OcpPhase, ...]
+    """Phases, one after the other."""
     levels: tuple[OcpLevel, ...]
+    """Levels of terms, highest priority first."""
     constraints: tuple[Term, ...] = ()
+    """Terms whose ranges are kept at all levels."""
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """(3,) [m/s] water velocity in W, uniform; or (n_steps, 3), that of each step."""
     floor: Bound = -np.inf
     """[m] height of the seafloor, for altitude terms."""
     integrator: Integrator = Integrator.MIDPOINT
+    """Integration of the motion over a step."""
     actuation: Actuation = Actuation.THRUSTERS
+    """Actuators of the vehicle."""
     hessian: HessianKind = HessianKind.EXACT
+    """Hessian of the NLP."""
     water: bool = True
+    """False leaves out all forces of the water, for comparisons."""
     limited: bool = True
     """False leaves out all limits of the robot, for comparisons."""
     altimeter_frame: str = "altimeter"
+    """Frame of the altimeter, for altitude terms."""
     start_freedom: np.ndarray | None = None
-    """(2 n_v,) [m, rad, m/s, rad/s] By how much each axis of the first state may differ from
-    `start`: those of the configuration, then those of the velocity; infinite where it is free,
-    within the limits. By default not at all.
+    """(2 n_v,) [m, rad, m/s, rad/s] allowed difference of the first state from `start`, of each axis
+    of the configuration, then of the velocity; infinite where it is free within the limits. `None`
+    keeps the first state at `start`.
     """
     periodic: bool = False
-    """The motion ends in the state in which it begins."""
+    """True where the motion ends in the state in which it begins."""
     longest: Annotated[float, Range(0.0)] = np.inf
-    """[s] of all phases together; says nothing where durations are fixed."""
+    """[s] largest duration of all phases together; without effect where durations are fixed."""
 
     def __post_init__(self) -> None:
         if not self.phases or not self.levels:
@@ -167,12 +183,12 @@ class OcpProblem(FieldTable):
 
     @property
     def n_steps(self) -> int:
-        """Steps of all phases."""
+        """Number of steps of all phases."""
         return sum(phase.n_steps for phase in self.phases)
 
     @property
     def fixed_start(self) -> bool:
-        """The first state is that of `start`."""
+        """True where the first state is that of `start`."""
         return self.start_freedom is None
 
     @property
@@ -189,17 +205,17 @@ class OcpProblem(FieldTable):
 
     @property
     def free_time(self) -> bool:
-        """The duration of some phase is to be chosen."""
+        """True where the duration of some phase is to be chosen."""
         return any(phase.free for phase in self.phases)
 
     @property
     def limits_total(self) -> bool:
-        """True where durations are free, but not all together."""
+        """True where durations are free, but their sum is limited."""
         return self.free_time and bool(np.isfinite(self.longest))
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Return the terms of constraints and levels."""
+        """Terms of constraints and of all levels."""
         terms = list(self.constraints)
         for level in self.levels:
             terms += level.terms
@@ -226,6 +242,7 @@ class OcpProblem(FieldTable):
                 raise NameNotFound(f"phase of {term.name}", term.phase, phases)
 
     def _check_times_of_levels(self) -> None:
+        """Refuse a level that minimises time and holds all below it to the last digit."""
         for level in self.levels[:-1]:
             if level.relax is None and any(term.minimises_time for term in level.terms):
                 raise InvalidInput(
@@ -266,7 +283,7 @@ class OcpProblem(FieldTable):
             )
 
     def _check_powers(self) -> None:
-        """Refuse terms that would take an electrical power for 0."""
+        """Refuse terms of electrical power where a power is not known."""
         names = [term.name for term in self.terms if term.needs_powers]
         if not (names and self.robot.n_vehicle):
             return

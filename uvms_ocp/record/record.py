@@ -33,8 +33,8 @@ _RENAMED = {
     "gates": "activations",
 }
 """Names of series in older files."""
-_ROUNDING = 1e-6  # of a period
-_SAME_TIME = 1e-6  # [s] times that are closer are one
+_ROUNDING = 1e-6  # share of a period by which a row may be early
+_SAME_TIME = 1e-6  # [s] below which two times are one
 _LARGEST_META = 16 << 20  # [B]
 
 
@@ -48,6 +48,7 @@ class Record(display.TableDisplay):
     series: Mapping[str, np.ndarray]
     """Arrays (n, ...) by name, read-only; ``t`` (n,) [s] is always there."""
     meta: RunMeta | PlanMeta
+    """Metadata: scenario, robot, names of quantities, phases, and what became of it."""
 
     def __len__(self) -> int:
         return len(self.series["t"])
@@ -73,7 +74,7 @@ class Record(display.TableDisplay):
 
         Raises `NameNotFound` with the names there are.
         """
-        forget(self.series.values())  # what was looked at before, where series are mapped
+        forget(self.series.values())  # pages read before, where series are mapped
         if name in self.series:
             return self.series[name]
         if name in self.meta.quantities and "quantities" in self.series:
@@ -125,8 +126,7 @@ class Record(display.TableDisplay):
         """Write one ``.npz`` file, and return its path; arrays stay arrays, `meta` becomes a JSON
         string. A file of that name is replaced as a whole.
 
-        Series that take more than 64 MB together are not packed, nor are those that it makes hardly
-        smaller.
+        Series are compressed unless they take more than 64 MB together, or would be hardly smaller.
         """
         text = np.array(write_meta(self.meta))
         is_small = sum(array.nbytes for array in self.series.values()) <= SMALL
@@ -189,11 +189,12 @@ class Record(display.TableDisplay):
         """Write a file that ROS 2 and Foxglove open, and `from_mcap` reads as the same record, or
         the part that was chosen; returns its path.
 
-        series: names of those to write beside ``t``, by default all. rate [Hz]: of rows, by default
-        of ticks; the last is there. Of fewer rows ``meta.dt`` is the mean period, and each has the
-        newest ``measured_`` reading since the one before. urdf: file of the robot's description,
-        such as ``robot.urdf``, which goes onto ``/robot_description``. Raises `NameNotFound` for a
-        series that there is not, `InvalidInput` for such a file, `OutputError`, `NotInstalled`.
+        series: names of those to write beside ``t``, by default all. rate [Hz]: rate of rows, by
+        default every tick; the last tick always has one. With fewer rows ``meta.dt`` is their mean
+        period, and each has the newest ``measured_`` reading since the row before. urdf: file of the
+        robot's description, such as ``robot.urdf``, which goes onto ``/robot_description``. Raises
+        `NameNotFound` for an unknown series, `InvalidInput` for a file that is no text,
+        `OutputError`, `NotInstalled`.
 
         ``/tf`` has the poses of vehicle, its estimate and tool, ``/tf_static`` those of goals,
         ``/odometry`` and ``/odometry_estimated`` pose and velocity, ``/joint_states`` what a URDF
@@ -225,8 +226,8 @@ class Record(display.TableDisplay):
         return Path(path)
 
     def _rows_at(self, rate: float | None) -> np.ndarray:
-        """Return the indices of the first row of each period of that rate [Hz], by default of all
-        rows, and of the last, which has what the run came to.
+        """Return the indices of the first row of each period of a rate [Hz], by default of all rows,
+        and of the last row, which has the end of the run.
         """
         t = self.series["t"]
         if rate is None:
@@ -248,11 +249,11 @@ class Record(display.TableDisplay):
         """Read a file written by `save`, of this version or an older one, or that in the folder of
         a command's results.
 
-        only: series that are wanted, all by default. The file alone is read:
-        `uvms_ocp.record.output.recover_folder` looks after its folder. Or, of a folder, what the
-        rows of a run are written to while it goes on, see `Scenario.run`: of one that was cut off,
-        those that there are. Series of more than 1 MB that are not packed, and those of a folder of
-        rows, are mapped: they are read from the disk as they are looked at.
+        path: a file, a folder of results, which is not looked after
+        (`uvms_ocp.record.output.recover_folder` does that), or the folder to which a run writes its
+        rows while it goes on, see `Scenario.run`; of a run that was cut off there are as many rows as
+        it wrote. only: series that are wanted, all by default. Series of more than 1 MB that are not
+        compressed, and those of a folder of rows, are mapped: read from the disk when they are used.
 
         Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and
         for series that do not fit each other, their times or the metadata.
@@ -280,8 +281,8 @@ class Record(display.TableDisplay):
 
 
 def _packs_well(array: np.ndarray) -> bool:
-    """Check whether packing saves a sixth of rows sampled from end to end: numbers of many digits
-    lose less, and take longest.
+    """Check whether compression saves a sixth of some rows sampled from end to end: numbers of many
+    digits shrink less, and take longest.
     """
     sample = array[:: 1 + len(array) // 64].tobytes()
     return 6 * len(zlib.compress(sample, 1)) < 5 * len(sample)
@@ -289,7 +290,7 @@ def _packs_well(array: np.ndarray) -> bool:
 
 def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta | str) -> Record:
     """Return the record of a file. Raises `InvalidInput` for series that do not fit each other or
-    the metadata, and no metadata.
+    the metadata, and where there is no metadata.
     """
     if isinstance(meta, str):
         meta = read_meta(meta)
@@ -324,7 +325,7 @@ def quantity(record: Record, name: str, of: str = "quantities") -> np.ndarray | 
     """Return the series (n,) of a measured quantity such as ``T.position_error``; `None` where no
     task measures it.
 
-    of: which series of the record has it, such as ``quantities_most``.
+    of: name of the series that has it, such as ``quantities_most``.
     """
     names = record.meta.quantities
     if name in names:

@@ -1,5 +1,5 @@
-"""Topics of a record that ROS 2 and Foxglove know by themselves, and their messages in CDR, the form
-in which they are sent: poses as transforms and odometry, states of joints, wrenches, and a log.
+"""Topics of a record in types of ROS 2, which Foxglove knows too, with messages encoded as CDR: poses
+as transforms and odometry, states of joints, wrenches, and a log.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CDR_HEAD = np.array([0, 1, 0, 0], dtype="u1")
 _NEXT_DEFINITION = "=" * 80 + "\nMSG: "
 
 Part = str | np.ndarray
-"""A text, an array (m,) that all messages have, or one (n, m) of which each has its row."""
+"""Part of messages: a text or an array (m,), the same in all, or an array (n, m) with a row for each."""
 
 WORLD = "world"
 VEHICLE = "base_link"
@@ -39,8 +39,8 @@ _ODOMETRY = {
 """Topics with their pose, velocity, and standard deviations of the pose."""
 _WRENCHES = ("wrench", "unreachable", "disturbance")
 """Series that begin with a wrench on the vehicle, in its frame."""
-_POSE = 7  # entries: position and quaternion
-_SIX = 6  # entries: linear and angular
+_POSE = 7  # entries of a pose: position and quaternion
+_TWIST = 6  # entries of a twist or wrench: linear and angular
 # levels of rcl_interfaces/Log
 _INFO = 20
 _WARN = 30
@@ -54,23 +54,27 @@ _NAMESPACES = "avoid_ros_namespace_conventions: false"
 _LATCHED = {
     "offered_qos_profiles": f"- {{{_RELIABILITY}, {_DEADLINES}, {_LIVELINESS}, {_NAMESPACES}}}"
 }
-"""Quality of service of what is published once, for those who listen later too."""
+"""Quality of service of messages that are published once, for those who subscribe later too."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Topic:
-    """Messages of one type, a tick each, or one alone at the start where no part has rows."""
+    """Messages of one type: one for each tick, or a single one at the start where no part has rows."""
 
     name: str
+    """Name of the topic."""
     kind: str
     """Type, of `ROS_MESSAGES` unless it has a definition of its own."""
     parts: Sequence[Part]
+    """Parts of the messages, in order."""
     definition: str = ""
+    """Definition of a type that ROS does not have."""
     metadata: Mapping[str, str] = field(default_factory=dict)
+    """Metadata of the channel in the file."""
 
     def messages(self, rows: slice) -> np.ndarray:
-        """Encode the messages of these rows; of a topic without rows its one message, with the
-        first of them.
+        """Encode the messages of these rows; the single message of a topic without rows comes with
+        the first of them.
         """
         n = int(rows.start == 0)
         parts = list[Part]()
@@ -129,6 +133,7 @@ def _transform_topics(
 
 
 def _transforms(time_stamps: np.ndarray, poses: Mapping[str, np.ndarray]) -> list[Part]:
+    """Return the parts of a message of transforms from the world, one for each frame."""
     parts: list[Part] = [_count(len(poses))]
     for frame, pose in poses.items():
         parts += [time_stamps, WORLD, frame, pose]
@@ -143,12 +148,12 @@ def _odometry_topics(series: Series, time_stamps: np.ndarray) -> Iterator[Topic]
         if q not in series or v not in series:
             continue
         pose = series[q][:, :_POSE]
-        velocity = series[v][:, :_SIX]
+        velocity = series[v][:, :_TWIST]
         if std in series:
             pose_covariance = _covariance(pose, series[std])
         else:
-            pose_covariance = np.zeros(_SIX**2)
-        velocity_covariance = np.zeros(_SIX**2)
+            pose_covariance = np.zeros(_TWIST**2)
+        velocity_covariance = np.zeros(_TWIST**2)
         yield Topic(
             name=f"/{topic_name}",
             kind="nav_msgs/Odometry",
@@ -165,14 +170,14 @@ def _odometry_topics(series: Series, time_stamps: np.ndarray) -> Iterator[Topic]
 
 
 def _covariance(poses: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """Return covariances (n, 36) along the axes of W, of deviations (n, 6...) along those of W, and
-    for the attitude of B, at poses (n, 7).
+    """Return covariances (n, 36) along the axes of W, from standard deviations (n, 6...) of the
+    position along W's axes and of the attitude along B's, at poses (n, 7).
     """
     from scipy.spatial.transform import Rotation
 
-    axes = np.tile(np.eye(_SIX), (len(std), 1, 1))
+    axes = np.tile(np.eye(_TWIST), (len(std), 1, 1))
     axes[:, 3:, 3:] = Rotation.from_quat(poses[:, 3:]).as_matrix()
-    return ((axes * std[:, None, :_SIX] ** 2) @ axes.transpose(0, 2, 1)).reshape(len(std), -1)
+    return ((axes * std[:, None, :_TWIST] ** 2) @ axes.transpose(0, 2, 1)).reshape(len(std), -1)
 
 
 def _joint_topics(series: Series, meta: Any, time_stamps: np.ndarray) -> Iterator[Topic]:
@@ -195,12 +200,13 @@ def _joint_topics(series: Series, meta: Any, time_stamps: np.ndarray) -> Iterato
 
 
 def _wrench_topics(series: Series, time_stamps: np.ndarray) -> Iterator[Topic]:
+    """Yield the wrenches on the vehicle that are recorded."""
     for name in _WRENCHES:
         if name in series:
             yield Topic(
                 name=f"/{name}",
                 kind="geometry_msgs/WrenchStamped",
-                parts=(time_stamps, VEHICLE, series[name][:, :_SIX]),
+                parts=(time_stamps, VEHICLE, series[name][:, :_TWIST]),
             )
 
 
@@ -218,6 +224,7 @@ def log_messages(meta: Any) -> list[tuple[float, bytes]]:
 
 
 def _log_message(t: float, level: int, text: str) -> bytes:
+    """Encode a line of the log at a time t [s]."""
     time_stamp = stamps(np.array([round(1e9 * t)]))
     log_level = np.array([level], dtype="u1")
     node_name = file_name = function_name = ""
@@ -226,9 +233,7 @@ def _log_message(t: float, level: int, text: str) -> bytes:
 
 
 def ros_definition(kind: str) -> str:
-    """Return the text by which a reader knows a message of that type: its fields, then those of all
-    types in it.
-    """
+    """Return the definition of a type of messages: its fields, then those of all types in it."""
     inner_definitions = dict[str, str]()
     pending = [kind]
     while pending:
@@ -245,8 +250,8 @@ def ros_definition(kind: str) -> str:
 
 
 def cdr_messages(n: int, parts: Iterable[Part]) -> np.ndarray:
-    """Encode n messages of the same parts, (n, size) [B]: numbers at multiples of their size behind
-    the head of four bytes.
+    """Encode n messages (n, size) [B] of the same parts: behind a head of four bytes, every number is
+    aligned to a multiple of its size.
     """
     arrays = list[np.ndarray]()
     for part in parts:
@@ -267,5 +272,5 @@ def cdr_messages(n: int, parts: Iterable[Part]) -> np.ndarray:
 
 
 def _count(n: int) -> np.ndarray:
-    """Return the length of a sequence, which stands before it."""
+    """Return the length of a sequence, which is written before it."""
     return np.array([n], dtype="u4")

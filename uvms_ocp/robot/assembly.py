@@ -76,6 +76,7 @@ def without_arm(robot: Robot) -> Robot:
 
 
 def _prefixed(arm: Robot, prefix: str) -> UrdfModels:
+    """Return the models of an arm with a prefix before all names of frames, joints and shapes."""
     model = arm.model.copy()
     visual = arm.visual_model.copy()
     collision = arm.collision_model.copy()
@@ -89,6 +90,7 @@ def _prefixed(arm: Robot, prefix: str) -> UrdfModels:
 
 
 def _joined(vehicle: Robot, arm: UrdfModels, X_BA: pin.SE3) -> UrdfModels:
+    """Return the models of the vehicle with those of an arm at a pose X_BA in B."""
     _check_names(vehicle, arm.model)
     base = vehicle.frame_id("base_link")
     model, visual = pin.appendModel(
@@ -101,6 +103,7 @@ def _joined(vehicle: Robot, arm: UrdfModels, X_BA: pin.SE3) -> UrdfModels:
 
 
 def _check_names(vehicle: Robot, arm: pin.Model) -> None:
+    """Raise ``InvalidInput`` for frames of one name."""
     clashes = sorted(set(vehicle.frame_names) & {frame.name for frame in arm.frames[1:]})
     if clashes:
         raise InvalidInput(
@@ -109,6 +112,7 @@ def _check_names(vehicle: Robot, arm: pin.Model) -> None:
 
 
 def _add_tool(vehicle: Robot, model: pin.Model, at: str) -> None:
+    """Add the frames ``flange`` and ``tool`` at a frame of the joined model."""
     existing = [name for name in ("flange", "tool") if vehicle.has_frame(name)]
     if existing:
         raise InvalidInput(
@@ -143,6 +147,7 @@ def _joined_description(
 
 
 def _base_only(robot: Robot) -> UrdfModels:
+    """Return the models of the base of a free-flyer, with all that is fixed to it."""
     model = pin.Model()
     model.name = robot.model.name
     model.addJoint(
@@ -169,6 +174,7 @@ def _base_only(robot: Robot) -> UrdfModels:
 
 
 def _shapes_on(shapes: pin.GeometryModel, old_to_new: Mapping[int, int]) -> pin.GeometryModel:
+    """Return the shapes on frames that remain; old_to_new: new number of each of these."""
     remaining = pin.GeometryModel()
     for shape in shapes.geometryObjects:
         if shape.parentFrame in old_to_new:

@@ -15,10 +15,10 @@ _DECLARED_ENCODING = re.compile(r"""(<\?xml[^>]*\sencoding\s*=\s*)["'][^"'>]*["'
 
 
 def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, dict[str, Path]]:
-    """Return the text of a robot file as a URDF, for UTF-8, whose meshes stand in ``meshes`` beside it, and which
-    files these are copies of.
+    """Return the text of a robot file as a URDF in UTF-8, whose meshes are in the folder ``meshes``
+    beside it, and the files of which these are copies.
 
-    What is not found is named as it was.
+    Meshes that are not found keep their names.
     """
     robot_xml = read_robot_xml(path, package_dirs)
     if robot_xml.is_urdf:

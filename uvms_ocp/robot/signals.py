@@ -59,12 +59,13 @@ class ChannelHealth:
     """Health of one channel."""
 
     channel: str
-    """Its name, a field of `Readings`."""
+    """Name of the channel, a field of `Readings`."""
     trust: Trust
+    """Trust in the channel."""
     why: str = ""
-    """A few words with the figures; empty where it is good."""
+    """Reason in a few words, with figures; empty where the channel is good."""
     since: float = 0.0
-    """Time [s] since when it is so."""
+    """Time [s] from which on the channel has had this trust."""
 
 
 @checked_dataclass(eq=False)
@@ -84,6 +85,7 @@ class Reading(Generic[Value]):
     """The last value that a sensor delivered."""
 
     value: Value
+    """Value, in the unit of the channel (`UNITS`)."""
     t: float
     """Time [s] when it was taken, which is earlier than when it arrived if the sensor has a delay."""
 
@@ -127,14 +129,14 @@ class StateEstimate:
     age: float = 0.0
     """Age [s] of the oldest reading that it needs; inf before the first."""
     oldest: str = ""
-    """Channel of the oldest reading; empty where nobody tells."""
+    """Channel of the oldest reading; empty where it is not known."""
     joint_age: float = 0.0
     """Age [s] of the joint positions alone."""
     health: tuple[ChannelHealth, ...] = ()
-    """Health of every channel that the robot has; empty where nobody judges."""
+    """Health of every channel that the robot has; empty without a health monitor."""
     std: _Velocity | None = None
     """Standard deviations of q (n_v,) [m, rad]: position in W, attitude in B, joints; `None` where
-    nobody tells.
+    they are not known.
     """
     altimeter_std: float = np.nan
     """Standard deviation [m] of `altimeter_range`; nan where it is not known."""
@@ -151,13 +153,13 @@ class Command:
     torque: Annotated[np.ndarray, Shape("n_joints")] | None = None
     """Desired torque or force (n_joints,) [N m or N] of the joint motors."""
     hold: bool = False
-    """The vehicle's measured velocity is not to be trusted."""
+    """True where the vehicle's estimated velocity is not to be trusted."""
     stop: bool = False
-    """Cut the thrust."""
+    """True to cut the thrust."""
     brakes: bool = False
-    """Lock the joints: they cannot be held by motors while their encoders are silent."""
+    """True to lock the joints: motors cannot hold them while their encoders are silent."""
     finished: bool = False
-    """The mission is complete; the loop may stop."""
+    """True when the mission is complete, and the loop may stop."""
     telemetry: Mapping[str, Any] = field(default_factory=dict)
     """Scalars and arrays to record."""
 
@@ -167,9 +169,7 @@ unchecked_reading = unchecked_constructor(Reading)
 unchecked_readings = unchecked_constructor(Readings)
 unchecked_estimate = unchecked_constructor(StateEstimate)
 unchecked_command = unchecked_constructor(Command)
-"""Constructors that do not check their arguments, arrays that belong to them: for what is made at
-every tick.
-"""
+"""Constructors that neither check their arguments nor copy arrays, for values made at every tick."""
 
 
 @checked_dataclass()
@@ -242,16 +242,14 @@ ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)
 """Usual specification for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""
 
 IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()) | {"specific_force": None})
-"""Every channel of the state itself, once per tick, without error or delay; no accelerometer, which
-nothing needs then.
+"""Every channel of the state itself, once per tick, without error or delay; no accelerometer, as the
+filter has no use for it then.
 """
 
 
 @checked
 def robot_sensors(description: RobotDescription) -> SensorSpecs:
-    """Return the channels of a robot: the defaults of `SensorSpecs`, with what its file says of
-    them.
-    """
+    """Return the channels of a robot: the defaults of `SensorSpecs`, changed as its file says."""
     channels = {
         name: _channel(getattr(SensorSpecs(), name), channel_description)
         for name, channel_description in description.sensors.items()

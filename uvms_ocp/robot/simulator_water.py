@@ -66,7 +66,7 @@ class SimulatorBlocks:
     density: float | None = None
     """[kg/m3] of the water; `None` where no plugin states it."""
     unread: list[str] = field(default_factory=list)
-    """What stands there and is not used, one line each."""
+    """Elements of plugins that are not used, one line each."""
 
 
 def simulator_blocks(root: Element) -> SimulatorBlocks:
@@ -104,8 +104,8 @@ def _read_thrusters(blocks: SimulatorBlocks, root: Element, links: set[str]) -> 
 
 
 def _read_added_mass(blocks: SimulatorBlocks, element: Element, name: str, links: set[str]) -> None:
-    """Read the added mass of SDF, at the origin of the link in its axes. What a plugin of Gazebo
-    states counts beside it, as it does there.
+    """Read the added mass of SDF, at the origin of the link in its axes. It is added to that of a
+    plugin, as in Gazebo.
     """
     where = f"<fluid_added_mass> of link {quoted(name)}"
     if name not in links:
@@ -186,9 +186,9 @@ def _read_gazebo(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> N
         if any(values):
             stated[key] = tuple(abs(value) for value in values)
     read = {*_AXES, *quadratic, *quadratic_of_speed, *added, *_SETTINGS}
-    others = [part.tag for part in plugin if part.tag not in read and to_float(part.text)]
-    if others:
-        blocks.unread.append(f"{where}: <{'>, <'.join(others)}> is not modelled")
+    unread_tags = [part.tag for part in plugin if part.tag not in read and to_float(part.text)]
+    if unread_tags:
+        blocks.unread.append(f"{where}: <{'>, <'.join(unread_tags)}> is not modelled")
     _take(blocks, name, "Gazebo plugin", stated, where)
 
 
@@ -219,6 +219,7 @@ def _matrix_of_rows(matrix: np.ndarray) -> Any:
 
 
 def _note_density(blocks: SimulatorBlocks, text: str | None) -> None:
+    """Keep the density that a plugin states, if any."""
     density = to_float(text.strip()) if text is not None else 0.0
     if density > 0.0:
         blocks.density = density
@@ -227,7 +228,7 @@ def _note_density(blocks: SimulatorBlocks, text: str | None) -> None:
 def _take(
     blocks: SimulatorBlocks, name: str, simulator: str, stated: Mapping[str, Any], where: str
 ) -> None:
-    """Keep what water can be of a link's numbers, and name the others."""
+    """Keep the coefficients of a link that water can have, and name the others."""
     possible = dict[str, Any]()
     for key, value in stated.items():
         try:

@@ -10,7 +10,7 @@ import pinocchio as pin
 from uvms_ocp.robot.robot import Robot
 
 _WATER_DENSITY = 1000.0  # [kg/m3]
-_LIGHTEST = 1e-9  # [kg]
+_LIGHTEST = 1e-9  # [kg] mass of a robot without any
 
 
 def weight(model: pin.Model) -> float:
@@ -19,15 +19,15 @@ def weight(model: pin.Model) -> float:
 
 
 def size(model: pin.Model) -> float:
-    """Return the side [m] of a cube of water that is as heavy as all moving bodies: 0.25 m of 15 kg.
-    What a fixed base is made of does not count.
+    """Return the side [m] of a cube of water that is as heavy as all moving bodies, such as 0.25 m for
+    15 kg. A fixed base does not count.
     """
     return float(np.cbrt(_mass(model) / _WATER_DENSITY))
 
 
 def joint_units(robot: Robot) -> np.ndarray:
-    """Return what counts as much as a radian of each joint (n_joints,): that, or the size [m] of the
-    robot for one that slides.
+    """Return the units (n_joints,) of joints in which their motions compare: 1 rad for one that turns,
+    the size [m] of the robot for one that slides.
     """
     units = np.ones(robot.n_joints)
     for joint in robot.joints:
@@ -37,8 +37,8 @@ def joint_units(robot: Robot) -> np.ndarray:
 
 
 def joint_strength(robot: Robot) -> np.ndarray:
-    """Return the most (n_joints,) [N m or N] that joints are built for: the effort of their motors, the
-    weight of the robot at least, with its size as the lever.
+    """Return the load (n_joints,) [N m or N] that joints are built for: the effort of their motors, and
+    at least the weight of the robot with its size as the lever.
     """
     by_weight = weight(robot.model) * size(robot.model) / joint_units(robot)
     effort = np.asarray(robot.limits.effort)
@@ -46,5 +46,6 @@ def joint_strength(robot: Robot) -> np.ndarray:
 
 
 def _mass(model: pin.Model) -> float:
+    """Return the mass [kg] of all moving bodies, never 0."""
     masses = [float(inertia.mass) for inertia in model.inertias[1:]]
     return max(sum(masses), _LIGHTEST)

@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_ocp.robot import spatial
 
-_EQUAL = 1e-15  # relative, of the diagonal of an isotropic matrix
+_EQUAL = 1e-15  # relative difference of the diagonal entries of an isotropic matrix
 _ROUNDING = 1e-14  # entries of constant matrices below this are structural zeros
 
 
@@ -120,10 +120,12 @@ class TwistToWrench:
 
 
 def _symmetric(square: ca.SX) -> ca.SX:
+    """Return a matrix whose lower triangle repeats the upper one."""
     return ca.triu2symm(ca.triu(square))
 
 
 def _is_isotropic(A: ca.SX) -> bool:
+    """Check whether a matrix (3, 3) is a constant number times the identity."""
     if not A.is_constant():
         return False
     values = np.asarray(ca.DM(A), dtype=float)
@@ -147,6 +149,7 @@ def inertial_wrench(inertia: ca.DM, velocity: Twist, acceleration: Twist) -> Wre
 
 
 def _times(inertia: ca.DM, twist: Twist) -> Wrench:
+    """Compute the product of an inertia (6, 6) and a twist."""
     rows = inertia @ twist.stacked()
     return Wrench(force=rows[:3], moment=rows[3:])
 

@@ -1,6 +1,4 @@
-"""Find what the files of a robot leave open, and what comes of it: valid files whose gaps a user
-has to know of.
-"""
+"""Find the gaps in valid files of a robot of which a user has to know, and their consequences."""
 
 from __future__ import annotations
 
@@ -18,9 +16,9 @@ from uvms_ocp.robot.limits import (
     open_joints,
 )
 
-_ROUNDING = 1e-9  # relative, of masses that are added and taken away again
-_SINGULAR = 1e-13  # relative to the largest eigenvalue
-_SINGULAR_SHARE = 0.1  # of a velocity in singular directions, squared
+_ROUNDING = 1e-9  # relative error of a mass that is a difference of sums
+_SINGULAR = 1e-13  # share of the largest eigenvalue below which a direction is singular
+_SINGULAR_SHARE = 0.1  # squared share of a velocity in singular directions
 
 _ASSUMED = (
     f"what is missing is {ASSUMED_VELOCITY:g} rad/s and {ASSUMED_ACCELERATION:g} rad/s2, those of"
@@ -29,8 +27,8 @@ _ASSUMED = (
 
 
 def unknowns(model: pin.Model, description: RobotDescription) -> Iterator[tuple[str, str]]:
-    """Yield subject and one sentence for everything that stays unknown or is left out. model:
-    without trim bodies.
+    """Yield subject and one sentence for everything that stays unknown or is left out. model: that
+    of the robot without trim bodies.
     """
     floats = description.base == "free_flyer"
     dry_links = links_without_water(model, description)
@@ -105,10 +103,10 @@ def link_inertia(model: pin.Model, link: str) -> pin.Inertia:
 
 
 def joints_without_inertia(model: pin.Model, M: np.ndarray) -> Iterator[str]:
-    """Yield, for each joint that a mass matrix M (n_v, n_v) [kg, kg m2] gives nothing to move,
-    which links are behind it.
+    """Yield, for each joint without inertia in a mass matrix M (n_v, n_v) [kg, kg m2], a text with
+    the links behind it.
 
-    Forces then have no acceleration, and nothing can be simulated.
+    Such a robot cannot be simulated: forces have no finite acceleration.
     """
     eigenvalues, eigenvectors = np.linalg.eigh(M)
     is_singular = eigenvalues <= _SINGULAR * eigenvalues.max(initial=0.0)

@@ -48,8 +48,9 @@ class RunGroup:
     """
 
     name: str
+    """Name in the legend."""
     records: tuple[Record, ...]
-    """One or more, each of two rows or more."""
+    """Records of one or more runs, each of two rows or more."""
 
     def __post_init__(self) -> None:
         if not self.records:
@@ -58,9 +59,9 @@ class RunGroup:
             require_rows(record)
 
     def lines(self, quantity: str) -> tuple[dict[str, _Line], str]:
-        """Return the lines of a quantity, series or column by what they are called, and its unit.
+        """Return the lines of a quantity, series or column by their labels, and its unit.
 
-        Raises `NameNotFound` for what a record has not.
+        Raises `NameNotFound` for a name that a record lacks.
         """
         curves = [task_figures.curves_of(record, quantity) for record in self.records]
         labels, unit = curves[0]
@@ -71,17 +72,15 @@ class RunGroup:
         lines = dict[str, _Line]()
         for label in labels:
             values = []
-            for record, (of_run, _) in zip(self.records, curves, strict=True):
-                if label in of_run:
-                    values.append(np.interp(t, record["t"], of_run[label], right=np.nan))
+            for record, (run_lines, _) in zip(self.records, curves, strict=True):
+                if label in run_lines:
+                    values.append(np.interp(t, record["t"], run_lines[label], right=np.nan))
             low, middle, high = np.nanpercentile(values, (BAND[0], 50.0, BAND[1]), axis=0)
             lines[label] = (t, middle, np.array([low, high]))
         return lines, unit
 
     def _common_times(self) -> np.ndarray:
-        """Return times [s] from the earliest start to the latest end; a run that has ended counts
-        no more.
-        """
+        """Return times [s] from the earliest start to the latest end of the runs."""
         begin = min(float(record["t"][0]) for record in self.records)
         end = max(float(record["t"][-1]) for record in self.records)
         return np.linspace(begin, end, _POINTS_OF_BANDS)
@@ -100,10 +99,10 @@ def figure_several_runs(
     column, as in `figure_of`; by default every quantity that all of them measure.
 
     runs: by the name that the legend shows, each a record, or several of which the median and a
-    band from the 5th to the 95th percentile is drawn. differences: draw what each has more than the
-    first. Phases are shaded where all runs have the same, and marked in each run's colour where
-    they differ. ax: of the caller's, as many as names. Raises `InvalidInput` for no runs and where
-    there is nothing to draw, and `NameNotFound` for what one of the records has not.
+    band from the 5th to the 95th percentile is drawn. differences: draw the difference of each from
+    the first. Phases are shaded where all runs have the same, and marked in each run's colour where
+    they differ. ax: axes of the caller's, as many as names. Raises `InvalidInput` for no runs and
+    where there is nothing to draw, and `NameNotFound` for a name that one of the records lacks.
     """
     groups = _groups(runs)
     if differences and len(groups) < 2:
@@ -120,14 +119,14 @@ def figure_several_runs(
         figure, axes = layout.stacked(len(names), task_figures.PANEL_HEIGHT, title, fig, width)
     else:
         figure, axes = layout.panels(ax, len(names), fig)
-    for axis, name, of_groups in zip(axes, names, contents, strict=True):
-        lines_of_groups = [lines for lines, _ in of_groups]
+    for axis, name, lines_and_units in zip(axes, names, contents, strict=True):
+        lines_of_groups = [lines for lines, _ in lines_and_units]
         if differences:
             lines_of_groups = _less_the_first(lines_of_groups)
         else:
             task_figures.mark_thresholds(axis, groups[0].records[0], name)
         _draw(axis, lines_of_groups)
-        unit = of_groups[0][1]
+        unit = lines_and_units[0][1]
         axis.set_ylabel(f"{label_text(name, 24)}\n[{unit}]")
     _mark_phases(axes, groups)
     handles = []
@@ -138,10 +137,11 @@ def figure_several_runs(
 
 
 def _groups(runs: Mapping[str, Record | Sequence[Record]]) -> list[RunGroup]:
+    """Return the runs of each name. Raises `InvalidInput` where there are none."""
     groups = []
     for name, records in runs.items():
-        of_name = (records,) if isinstance(records, Record) else tuple(records)
-        groups.append(RunGroup(name=name, records=of_name))
+        group_records = (records,) if isinstance(records, Record) else tuple(records)
+        groups.append(RunGroup(name=name, records=group_records))
     if not groups:
         raise InvalidInput("runs = {}; give one or more, such as {'strict': record}")
     return groups
@@ -166,20 +166,20 @@ def _shared_quantities(groups: Sequence[RunGroup]) -> tuple[str, ...]:
 
 
 def _less_the_first(lines_of_groups: list[dict[str, _Line]]) -> list[dict[str, _Line]]:
-    """Return what the lines of each group are above those of the first at the same times; the first
-    has none.
+    """Return the differences of the lines of each group from those of the first, at the same times;
+    none for the first.
     """
     reference = lines_of_groups[0]
     differences = list[dict[str, _Line]]()
     for lines in lines_of_groups:
-        of_group = {}
+        group_differences = {}
         for label, (t, values, band) in lines.items():
             if lines is reference or label not in reference:
                 continue
-            t_first, first, _ = reference[label]
-            base = np.interp(t, t_first, first, left=np.nan, right=np.nan)
-            of_group[label] = (t, values - base, None if band is None else band - base)
-        differences.append(of_group)
+            first_t, first_values, _ = reference[label]
+            base = np.interp(t, first_t, first_values, left=np.nan, right=np.nan)
+            group_differences[label] = (t, values - base, None if band is None else band - base)
+        differences.append(group_differences)
     return differences
 
 
@@ -234,7 +234,7 @@ def _agree(spans_of_groups: Sequence[tuple[int, Sequence[PhaseSpan]]], last: flo
     for _, spans in spans_of_groups[1:]:
         if [span.name for span in spans] != [span.name for span in reference]:
             return False
-        for span, of_first in zip(spans, reference, strict=True):
-            if abs(span.start - of_first.start) > _SAME_PHASE * last:
+        for span, reference_span in zip(spans, reference, strict=True):
+            if abs(span.start - reference_span.start) > _SAME_PHASE * last:
                 return False
     return True

@@ -53,7 +53,7 @@ limits.
 """
 _SPEED = "vehicle.speed"
 _AS_PARAMETERS = ("goal", "model")
-"""Fields of tasks that their rows know by numbers only."""
+"""Fields of tasks that rows read as parameters."""
 _INPUTS = (
     "q",
     "velocity",
@@ -73,21 +73,21 @@ class LevelsProblem:
 
     function: ca.Function
     """(q, velocity, passive, previous, change, altimeter_range, parameters, gates) -> (J, lower,
-    upper, rate, activation, gate, quantities, activity), rows of all levels stacked; `passive` is
-    as `N_PASSIVE` of `uvms_ocp.control.velocity.swing` says, `previous` is the velocity commanded
-    one tick before, `change` its difference from that of the tick before it; the parameters are
-    those of all tasks, one after the other (`uvms_ocp.control.velocity.goals`). The gate is 0 or 1:
-    what lies between is in the bounds.
+    upper, rate, activation, gate, quantities, activity), rows of all levels stacked. `passive`:
+    motion that no thruster drives, see `N_PASSIVE` of `uvms_ocp.control.velocity.swing`; `previous`:
+    velocity commanded one tick before; `change`: its difference from the command before that;
+    `parameters`: those of all tasks, one after the other (`uvms_ocp.control.velocity.goals`). The
+    output `gate` is 0 or 1: bounds are widened for values between.
     """
     names: tuple[str, ...]
     """Names of the levels, highest priority first."""
     sizes: tuple[int, ...]
     """Rows of each level."""
     quantity_names: tuple[str, ...]
-    """``task.quantity``, and what is beside them, in the order of the output `quantities`."""
+    """Names of the output `quantities`: ``task.quantity``, then those beside tasks."""
     rests_on: Mapping[str, np.ndarray]
-    """(n_quantities,) by channel of `Readings`: which of them it tells, and are unknown without
-    it.
+    """(n_quantities,) by channel of `Readings`: True for quantities that are unknown without the
+    channel.
     """
     step: np.ndarray
     """(n_v,) [m/s, rad/s] largest change of each velocity in one tick; infinite where the
@@ -102,9 +102,9 @@ def build_levels(
     """Stack the velocity limits of `robot`, the tasks of `hierarchy` and minimum velocity, for
     control period dt [s].
 
-    beside_tasks: more quantities that are to be measured, as `Mission.beside_tasks` names them: of
+    beside_tasks: names of further quantities to measure, see `Mission.beside_tasks`:
     `OWN_QUANTITIES`, which the tick writes, ``vehicle.depth`` [m] of B below the origin of W,
-    ``vehicle.speed`` [m/s] of B in W; others are left out.
+    ``vehicle.speed`` [m/s] of B in W; other names are left out.
 
     Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does
     not have.
@@ -117,10 +117,10 @@ def build_levels(
 
 
 def _expression_key(task: Task, robot: Robot) -> Hashable:
-    """Return all that the rows of a task depend on: its fields, but for goals, shapes and numbers,
-    which are parameters.
+    """Return a key of all that the rows of a task depend on: its fields, but for goals, shapes and
+    numbers, which are parameters.
 
-    Equal to none where that cannot be known, as of a class that does not declare its
+    The key is equal to no other where that cannot be known: for a class that does not declare its
     `Task.symbolic_numbers`, or has fields without a hash.
     """
     if declared_numbers(task) is None:
@@ -139,13 +139,14 @@ def declared_numbers(task: Task) -> tuple[str, ...] | None:
     """Return the `Task.symbolic_numbers` that the class of a task declares itself; `None` where it
     does not.
 
-    What it inherits says nothing of its rows: they may be its own, and want numbers.
+    Inherited ones do not count: the rows of a subclass may be its own, and take numbers alone.
     """
     return vars(type(task)).get("symbolic_numbers")
 
 
 def numbers_of(task: Task) -> list[str]:
-    """Return the fields that rows take as symbols; none of a class that does not declare them.
+    """Return the names of the fields that rows take as symbols; none for a class that does not
+    declare them.
 
     Raises `InvalidInput` for a declared name that is no field with one number.
     """
@@ -161,7 +162,7 @@ def numbers_of(task: Task) -> list[str]:
 
 
 def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
-    """Return the tasks with `numbers` in place of their own."""
+    """Return the tasks with symbols in place of their numbers."""
     symbols = iter(ca.vertsplit(numbers))
     symbolic_tasks = list[Task]()
     for task in tasks:
@@ -172,8 +173,8 @@ def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
 
 @lru_cache(maxsize=8)
 def _levels_with(numbers: tuple[float, ...], *problem_key: Any) -> LevelsProblem:
-    """Return the `_known_levels` at these numbers [as the fields of tasks], for which no graph and
-    no code is made.
+    """Return the `_known_levels` with these numbers of tasks [units of the fields]; neither graph nor
+    code is made anew for them.
     """
     problem = _known_levels(*problem_key)
     return replace(problem, function=with_numbers(problem.function, numbers))
@@ -183,7 +184,7 @@ def _levels_with(numbers: tuple[float, ...], *problem_key: Any) -> LevelsProblem
 def _known_levels(
     robot: Robot, keyed_hierarchy: Keyed, dt: float, beside_tasks: tuple[str, ...]
 ) -> LevelsProblem:
-    """Make the levels once for all runs of a robot and its tasks; the last input of the function
+    """Make the levels once for all runs of a robot and its tasks; the last input of their function
     are the numbers of tasks.
     """
     symbols = tick_symbols(robot, dt)
@@ -252,6 +253,7 @@ def _known_levels(
 
 
 def _beside_tasks(symbols: TickSymbols) -> dict[str, ca.SX]:
+    """Return all quantities beside those of tasks, by name."""
     quantities = dict.fromkeys(OWN_QUANTITIES, ca.SX(0))
     if not symbols.robot.n_vehicle:
         return quantities
@@ -259,18 +261,21 @@ def _beside_tasks(symbols: TickSymbols) -> dict[str, ca.SX]:
 
 
 class _Level(NamedTuple):
+    """A level of the hierarchy: its name, rows, and the gate of all of them."""
+
     name: str
     rows: Rows
     gate: ca.SX = ca.SX(1)
 
 
 def _is_safety(task: Task) -> bool:
+    """Check whether a task keeps the robot safe, or ranks above those that do."""
     return task.task_class <= TaskClass.SAFETY
 
 
 def _reachable(task: Task, rows: Rows, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
-    """Return the rows of a task that the acceleration limits can follow; bounds that keep the robot
-    safe, as fast as these allow.
+    """Return the rows of a task as the acceleration limits can follow them. Bounds that keep the
+    robot safe are followed as fast as these limits allow, all others smoothly.
     """
     eased = task.equality or not _is_safety(task)
     return reachable_rows(
@@ -284,12 +289,12 @@ def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str
     """
     rows = [level.rows for level in levels]
     gate = ca.vertcat(*[ca.repmat(level.gate, level.rows.n_rows, 1) for level in levels])
-    activity = ca.vertcat(*[r.activation for r in rows]) * gate
+    activity = ca.vertcat(*[level_rows.activation for level_rows in rows]) * gate
     outputs = {
-        "J": ca.vertcat(*[r.jacobian for r in rows]),
-        "lower": ca.vertcat(*[r.lower for r in rows]),
-        "upper": ca.vertcat(*[r.upper for r in rows]),
-        "rate": ca.vertcat(*[r.rate for r in rows]),
+        "J": ca.vertcat(*[level_rows.jacobian for level_rows in rows]),
+        "lower": ca.vertcat(*[level_rows.lower for level_rows in rows]),
+        "upper": ca.vertcat(*[level_rows.upper for level_rows in rows]),
+        "rate": ca.vertcat(*[level_rows.rate for level_rows in rows]),
         "activation": activity,
         "gate": gate > 0,
         "quantities": ca.vertcat(ca.SX(0, 1), *quantities.values()),
@@ -301,7 +306,7 @@ def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str
 def _rests_on(
     symbols: TickSymbols, tasks: Sequence[Task], quantities: dict[str, ca.SX]
 ) -> dict[str, np.ndarray]:
-    """Return which quantities depend on each channel; what is measured of distances depends on the
+    """Return which quantities depend on each channel. Quantities of tasks of distances depend on the
     whole configuration.
     """
     robot = symbols.robot
@@ -341,6 +346,7 @@ def tick_symbols(robot: Robot, dt: float) -> TickSymbols:
 def _task_rows(
     robot: Robot, hierarchy: Hierarchy, symbols: TickSymbols, parameters: ca.SX
 ) -> list[Rows]:
+    """Return the rows of all tasks, each with its part of the parameters."""
     rows = list[Rows]()
     first = 0
     for task in hierarchy.tasks:
@@ -354,8 +360,8 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
     """Make the rows of velocity and position limits, reached no faster than the acceleration limits
     allow from the previous velocity.
 
-    Joints keep a speed from which they can still stop before their limit. Not read by the
-    regularised pseudo-inverse.
+    Joints keep a speed from which they can still stop before their limit. The regularised
+    pseudo-inverse does not read these rows.
     """
     robot = symbols.robot
     reach = ca.DM(robot.limits.acceleration * symbols.dt)

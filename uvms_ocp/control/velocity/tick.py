@@ -36,16 +36,18 @@ it is seen.
 _LARGEST_EXCESS = 0.2
 """Largest share of its velocity limit that a joint leaves."""
 _RISE_TIME = 0.04
-"""[s] Time constant with which it is learnt that a joint goes faster than commanded."""
+"""[s] Time constant with which the velocity error of a joint is learnt."""
 _DECAY_TIME = 5.0
-"""[s] Time constant with which that is forgotten."""
+"""[s] Time constant with which it is forgotten."""
 _SHORT_PERIOD = 0.01
 """[s] Control period up to which a joint is corrected before it is much faster than commanded."""
 _UNCORRECTED = 2.0
-"""[1/s] Share of its limit by which it gets faster than commanded in a longer period."""
+"""[1/s] Share of its limit by which a joint gets faster than commanded in each second beyond that
+period.
+"""
 _STEADY = 1e-9
-"""Share of a joint's limit below which its command is rest, and of its command by which a steady one
-changes at most: as rounding does.
+"""Rounding: share of a joint's limit below which its command is rest, and share of its command by
+which a steady command may change.
 """
 
 _GYRO = CHANNELS.index("angular_velocity")
@@ -69,27 +71,27 @@ def prepare_tick(tick: TickMemory) -> None:
     _begin(tick)
     load_goals(tick.goals, tick.mission, tick.ascent, tick.t)
     restrict(tick.restriction, tick.t, tick.altitude_matters)
-    distrusted = _doubts_altimeter(tick)
+    doubts_altimeter = _doubts_altimeter(tick)
     lowest = 0.0
-    lower = False
+    has_altitude_task = False
     for i in range(len(tick.gates)):
         if tick.restriction.no_descent and tick.lands[i] != 0:
             tick.gates[i] = 0.0
         if (
             tick.reads_altitude[i] != 0
             and tick.gates[i] > 0.0
-            and (not lower or tick.rest_altitude[i] < lowest)
+            and (not has_altitude_task or tick.rest_altitude[i] < lowest)
         ):
             lowest = tick.rest_altitude[i]
-            lower = True
-    tick.echo[0] = echo_range(tick.beam, tick.t, tick.altimeter_range, lowest, distrusted)
+            has_altitude_task = True
+    tick.echo[0] = echo_range(tick.beam, tick.t, tick.altimeter_range, lowest, doubts_altimeter)
     tick.altitude_valid = (
         math.isfinite(tick.beam.floor) and tick.t - tick.beam.since <= tick.hold_after
     )
     # Joints that brakes hold are where they were.
     braked = tick.restriction.joints_held and math.isfinite(tick.age) and tick.joint_age >= tick.age
     age = 0.0 if braked else tick.age
-    if tick.altitude_matters and not distrusted:
+    if tick.altitude_matters and not doubts_altimeter:
         echo_age = tick.t - tick.beam.since
     else:
         echo_age = 0.0
@@ -111,8 +113,8 @@ def prepare_tick(tick: TickMemory) -> None:
 
 
 def _follow_swing(tick: TickMemory) -> None:
-    """Separate what swings from its mean, and smooth the weight that the force layer finds at the
-    tool.
+    """Separate the swing of the vehicle from its mean attitude, and smooth the weight that the force
+    layer finds at the tool.
     """
     gain = tick.rule.stop.dt / tick.swing_memory
     for k in range(3):
@@ -133,20 +135,20 @@ def _begin(tick: TickMemory) -> None:
 
 
 def _measure_distances(tick: TickMemory) -> None:
-    """Measure the distances that tasks ask for which are on or begin; on the way to rest where that
-    could come near a limit.
+    """Measure the distances of tasks that are on or begin, at the present configuration and along a
+    stop from it; of the stop only where it could come near a limit.
     """
     target = tick.mission.targets[tick.mission.phase]
-    looked = False
+    is_placed = False
     for k in range(tick.nearest.n_asking):
         i = tick.nearest.pairs[k].task
         if target[i] != 0.0 or tick.gates[i] != 0.0:
-            if not looked:
+            if not is_placed:
                 first_step = tick.rule.stop.dt if tick.near else math.inf
                 distances.place_along_stop(
                     tick.nearest, tick.q, tick.command, tick.rule.stop.acceleration, first_step
                 )
-                looked = True
+                is_placed = True
             distances.measure_pairs(tick.nearest, k, tick.goals.values)
 
 
@@ -168,9 +170,9 @@ def finish_tick(tick: TickMemory) -> None:
 
 def _check_mission(tick: TickMemory) -> None:
     """Take the transition that is due, or give the mission up."""
-    less = tick.restriction
+    restriction = tick.restriction
     stopped = is_stopped(tick)
-    hopeless = stopped and (less.ended or less.any_lost)
+    is_hopeless = stopped and (restriction.ended or restriction.any_lost)
     clearance = math.nan
     if tick.distress.aborts:  # nothing else asks for it
         tick.lowest(tick.q, tick.height)
@@ -182,15 +184,15 @@ def _check_mission(tick: TickMemory) -> None:
         tick.t,
         tick.gates,
         tick.phase_quantities,
-        hopeless,
-        less.ended,
+        is_hopeless,
+        restriction.ended,
         clearance,
     )
     if tick.why != abort.AbortReason.NOTHING:
         tick.eventful = True
         if not tick.mission.given_up:
-            believed = not (tick.distress.pushed or _doubts_altimeter(tick))
-            ascent.aim_ascent(tick.ascent, tick.q, tick.beam.highest if believed else math.nan)
+            knows_floor = not (tick.distress.pushed or _doubts_altimeter(tick))
+            ascent.aim_ascent(tick.ascent, tick.q, tick.beam.highest if knows_floor else math.nan)
         progress.abort_mission(tick.mission, tick.t, not stopped)
     elif not tick.holds:
         tick.due = progress.transition_due(tick.mission, tick.t, tick.phase_quantities)
@@ -210,10 +212,10 @@ def is_blind(tick: TickMemory) -> bool:
 
 
 def damps_turns(tick: TickMemory) -> bool:
-    """Return whether the angular velocity is fed back although the robot is blind.
+    """Check whether the angular velocity is fed back although the robot is blind: while first
+    readings are awaited and nothing speaks against the gyro.
 
-    So while first readings are awaited and nothing speaks against the gyro: where it has not spoken
-    the filter knows of no turn.
+    Before its first reading the filter's angular velocity is 0.
     """
     return tick.awaits_first and tick.restriction.level[_GYRO] == Trust.GOOD
 
@@ -226,7 +228,7 @@ def is_stopped(tick: TickMemory) -> bool:
 
 
 def commit_velocity(tick: TickMemory) -> None:
-    """Command the velocity that is wanted."""
+    """Command the desired velocity."""
     for i in range(len(tick.command)):
         tick.change[i] = tick.wanted[i] / tick.wanted_pace - tick.previous[i]
         tick.command[i] = tick.wanted[i]
@@ -245,7 +247,8 @@ def is_unknown(age: float, of_altitude: bool, altitude_valid: bool) -> bool:
 def _report(tick: TickMemory) -> None:
     """Update the quantities that are reported, and those that phases read.
 
-    Phases read no quantity that rests on a channel that is not good, but in the abort phase all.
+    A quantity that depends on a channel that is not good is NaN for phases, but not in the abort
+    phase.
     """
     progress.measure_own(
         tick.mission,
@@ -274,19 +277,19 @@ def _report(tick: TickMemory) -> None:
 
 
 def _come_to_rest(tick: TickMemory) -> None:
-    """Go on along the stop that the last tick with a measurement has found clear."""
-    way = tick.rule.stop
-    braking.begin_stop(way, tick.place, tick.command)
-    braking.step_stop(way)
-    tick.place[:] = way.q
+    """Go on along the stop that the last tick with a valid estimate found clear of limits."""
+    stop = tick.rule.stop
+    braking.begin_stop(stop, tick.place, tick.command)
+    braking.step_stop(stop)
+    tick.place[:] = stop.q
     for i in range(len(tick.command)):
-        tick.change[i] = (way.v[i] - tick.command[i]) / tick.pace
-        tick.command[i] = way.v[i]
+        tick.change[i] = (stop.v[i] - tick.command[i]) / tick.pace
+        tick.command[i] = stop.v[i]
     tick.share = 0.0
 
 
 def _choose(tick: TickMemory) -> None:
-    """Command the velocity that is wanted, as far as the limits on positions let it be taken."""
+    """Command the desired velocity, as far as the limits on positions allow."""
     tick.place[:] = tick.q
     _wanted_velocity(tick)
     tick.near = viability.may_reach_limit(tick.rule, tick.wanted, tick.gates, tick.quantities)
@@ -300,8 +303,8 @@ def _choose(tick: TickMemory) -> None:
 
 
 def _wanted_velocity(tick: TickMemory) -> None:
-    """Find the velocity that the tasks ask for, within what the limits of each axis and the
-    restrictions leave.
+    """Find the velocity that the tasks ask for, within the limits of each axis and the
+    restrictions.
     """
     tick.wanted_pace = tick.pace
     if tick.usable:
@@ -322,8 +325,8 @@ def _wanted_velocity(tick: TickMemory) -> None:
                 max(tick.command[i], -tick.speed_limit.step[i]), tick.speed_limit.step[i]
             )
     for i in range(len(tick.wanted)):
-        # From rest at every tick: the hierarchy counts on no more than one tick's acceleration of
-        # such a joint.
+        # A jammed joint begins each tick at rest, so that the hierarchy counts on no more than one
+        # tick's acceleration of it.
         if tick.jammed[i] != 0:
             tick.wanted[i] = 0.0
 
@@ -331,29 +334,29 @@ def _wanted_velocity(tick: TickMemory) -> None:
 def _shorten(tick: TickMemory) -> None:
     """Shorten the solver's velocity to the velocity limits, with its direction kept.
 
-    A joint that has lately been faster than commanded leaves that much of its limit, so that it
-    keeps the limit itself: each joint by itself, or one that is driven by the vehicle's drag would
-    slow the whole mission. At long control periods a joint leaves some of its limit from the start.
-    Its lag as it brakes does not count, nor what moves it at rest.
+    The limit of a joint that has lately been faster than commanded is reduced by that velocity
+    error, so that the joint itself keeps its limit. Each joint has a limit of its own: one that is
+    driven by the vehicle's drag would else slow the whole mission. At long control periods limits
+    are reduced from the start. Neither the lag of a joint that brakes counts, nor motion at rest.
     """
-    excess = 1.0
+    largest_ratio = 1.0
     dt = tick.rule.stop.dt
     for i in range(len(tick.solved)):
         if tick.is_joint[i] != 0:
             at_rest = abs(tick.command[i]) < _STEADY * tick.velocity_limit[i]
             ahead = tick.command[i] * (tick.v[i] - tick.command[i]) > 0.0
             if ahead and not at_rest:
-                faster = min(
+                velocity_error = min(
                     _EXCESS_GAIN * abs(tick.v[i] - tick.command[i]),
                     _LARGEST_EXCESS * tick.velocity_limit[i],
                 )
             else:
-                faster = 0.0
+                velocity_error = 0.0
             if tick.command[i] * tick.change[i] < -_STEADY * tick.command[i] * tick.command[i]:
-                faster = min(faster, tick.faster[i])
-            gain = min(1.0, dt / (_RISE_TIME if faster > tick.faster[i] else _DECAY_TIME))
-            tick.faster[i] += gain * (faster - tick.faster[i])
-        excess = max(excess, abs(tick.solved[i]) / tick.velocity_limit[i])
+                velocity_error = min(velocity_error, tick.faster[i])
+            gain = min(1.0, dt / (_RISE_TIME if velocity_error > tick.faster[i] else _DECAY_TIME))
+            tick.faster[i] += gain * (velocity_error - tick.faster[i])
+        largest_ratio = max(largest_ratio, abs(tick.solved[i]) / tick.velocity_limit[i])
     for i in range(len(tick.solved)):
         margin = tick.faster[i]
         if tick.is_joint[i] != 0:
@@ -361,22 +364,20 @@ def _shorten(tick: TickMemory) -> None:
                 margin, _UNCORRECTED * max(dt - _SHORT_PERIOD, 0.0) * tick.velocity_limit[i]
             )
         largest_speed = tick.velocity_limit[i] - margin
-        tick.wanted[i] = min(max(tick.solved[i] / excess, -largest_speed), largest_speed)
-
-
-# The hierarchy solved between `before` and `after`, in machine code: levels, solver, and what comes
-# of it.
+        tick.wanted[i] = min(max(tick.solved[i] / largest_ratio, -largest_speed), largest_speed)
 
 
 class VelocityController(Layout):
-    """Memory of a tick with its hierarchy: levels, solver, and what comes of it."""
+    """Memory of a tick with its hierarchy, for one call of machine code: levels, solver and result."""
 
     tick: TickMemory
     """Memory of the tick, before and after the solver."""
     levels: FunctionField
     """Levels of the hierarchy, the function that `build_levels` makes."""
     solver: FunctionField
-    """J, lower, upper, rate, activation, gate, state -> v, state, report, residual."""
+    """Solver of the hierarchy: J, lower, upper, rate, activation, gate, state -> v, state, report,
+    residual.
+    """
     jacobian: Annotated[Vector, Sized("n_entries")]
     """(n_rows, n_v) [1, m, 1/rad] Jacobian of all levels, column after column."""
     lower: Annotated[Vector, Sized("n_rows")]
@@ -392,7 +393,7 @@ class VelocityController(Layout):
     activity: Annotated[Vector, Sized("n_activity")]
     """(n_activity,) activations again, as the levels function gives them for the record."""
     state: Annotated[Vector, Sized("n_rows")]
-    """(n_rows,) state of the solver from the tick before: of the strict one its active set."""
+    """(n_rows,) state of the solver from the tick before; the active set of the strict one."""
     new_state: Annotated[Vector, Sized("n_rows")]
     """(n_rows,) state of the solver after this tick."""
     report: Annotated[Vector, Sized(2)]
@@ -407,10 +408,10 @@ def solve(controller: VelocityController) -> int:
     """Solve the hierarchy; return the code of the `Status`. A kernel."""
     tick = controller.tick
     J = controller.jacobian
-    low = controller.lower
-    up = controller.upper
+    lower = controller.lower
+    upper = controller.upper
     rate = controller.rate
-    on = controller.activation
+    activation = controller.activation
     gate = controller.gate
     goals = tick.goals.values
     controller.levels(
@@ -423,20 +424,20 @@ def solve(controller: VelocityController) -> int:
         goals,
         tick.gates,
         J,
-        low,
-        up,
+        lower,
+        upper,
         rate,
-        on,
+        activation,
         gate,
         tick.quantities,
         controller.activity,
     )
     controller.solver(
         J,
-        low,
-        up,
+        lower,
+        upper,
         rate,
-        on,
+        activation,
         gate,
         controller.state,
         tick.solved,
@@ -508,7 +509,7 @@ def finish_by(
     solve: Callable[[], TickResult], after: Callable[[], None], arrays: Any, memory: TickMemory
 ) -> Callable[[], Solved]:
     """Return a function that solves the hierarchy by a solver that Python calls, and finishes the
-    tick by `after`. arrays: those of the `TickMemory`.
+    tick by `after`. arrays: arrays of the `TickMemory`.
     """
 
     def call() -> Solved:

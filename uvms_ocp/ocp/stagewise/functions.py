@@ -135,7 +135,7 @@ class Tangent:
         def build() -> Expressions:
             middle = self.model.midpoint
             z = self.model.z
-            bent, slope, H = self.model.bent
+            bent, slope, H = self.model.force_curvature_symbols
             z_next = ca.SX.sym("z_next", z.shape)
             costates = ca.SX.sym("costates", self.n_x)
             D = self.jacobian(middle)

@@ -139,7 +139,7 @@ class StageLevelQp:
         for i in weighted_stages:
             motion = memory.z[i, : tangent.model.n_motion]
             water = memory.arguments(i)[2]
-            calls.add(tangent.model.bend, [motion, water, weights[i]], [bent[i]])
+            calls.add(tangent.model.force_curvature, [motion, water, weights[i]], [bent[i]])
         no_costates = np.zeros(tangent.n_x)
         for i, function in functions:
             if not function.bends:

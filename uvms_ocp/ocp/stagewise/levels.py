@@ -93,25 +93,25 @@ class StageLevelSolver:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StagewisePoint(NlpPoint):
-    """Point of a program, with the multipliers of the QP that ended there by the program's rows and
-    variables.
-    """
+    """Point of a program, with the multipliers of its rows and variables at the QP that ended there."""
 
     solution: FlatSolution | None = None
     """Solution of that QP, from which a solve nearby may start."""
 
 
 class StagewiseLevels:
-    """All levels, on one memory."""
+    """All levels of a horizon, on one memory."""
 
     def __init__(self, memory: StageMemory, options: StageQpOptions = _SQP_QP_OPTIONS) -> None:
-        """options: of the QPs."""
+        """options: options of the solver of QPs."""
         self.memory = memory
         self._variables = StageVariables(memory)
         self._options = options
         self._levels: dict[int, StageLevelQp] = {}
         self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
-        """Raw rows of the program; what is none is written behind the last one."""
+        """(n_rows + 1,) raw rows of the program; rows that it does not have are written to the last
+        entry.
+        """
 
     def level(self, index: int) -> StageLevelQp:
         """Return the QP of a level, which is bound to the memory when it is asked for first."""
@@ -120,8 +120,8 @@ class StagewiseLevels:
         return self._levels[index]
 
     def go_to(self, x: Array, p: Array) -> None:
-        """Take variables x (n_x,) [unit of x] and parameters p (n_p,) [unit of the parameter] into
-        the memory.
+        """Write variables x (n_x,) [unit of x] and parameters p (n_p,) [unit of the parameter] to the
+        memory.
         """
         self._variables.set_parameters(p)
         self._variables.read(x, p)
@@ -144,12 +144,12 @@ class StagewiseLevels:
         return tuple(self._raw[rows] for rows in self.memory.whole.row_layout.levels)
 
     def ranges(self, bounds: RowBounds, level: int) -> StageRanges:
-        """Return the ranges of a level, where those above it are held as in `bounds`."""
+        """Return the ranges of a level, with those above it held by `bounds`."""
         return StageRanges(self._indices, bounds, level, self.level(level).held)
 
     def multipliers(self, level: int, solution: FlatSolution) -> tuple[Array, Array]:
-        """Return multipliers by the last QP of a level: of bounds (n_x,) [1/unit of x] and rows
-        (n_rows,) [1/unit of the row] of the program.
+        """Return the multipliers of the program's bounds (n_x,) [1/unit of x] and rows (n_rows,)
+        [1/unit of the row] at the solution of the last QP of a level.
         """
         return self._indices.program_multipliers(self.level(level).held, solution)
 

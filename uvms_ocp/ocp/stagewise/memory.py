@@ -150,7 +150,7 @@ class StageMemory:
         """Compile what curvature takes before any clock runs: it takes longest."""
         for function in self.functions:
             if function.weights:
-                _ = self.tangent.model.bend
+                _ = self.tangent.model.force_curvature
             _ = function.curvature
 
     def _block_functions(self) -> tuple[functions.BlockFunctions, ...]:

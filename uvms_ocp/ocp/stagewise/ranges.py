@@ -16,7 +16,9 @@ class StageRanges:
     """Ranges of one solve of one level."""
 
     def __init__(self, indices: StageIndices, bounds: RowBounds, level: int, held: Indices) -> None:
-        """level: those above it are held, as `bounds` has it. held (m,): the rows of its QP."""
+        """level: number of the level, those above which are held by `bounds`. held (m,): rows of its
+        QP, among those that may be held.
+        """
         self._memory = indices.memory
         self._held = held
         z_ranges = indices.z_ranges(bounds.x_lower, bounds.x_upper)
@@ -36,6 +38,7 @@ class StageRanges:
         self._first_variable = gap_ranges.shape[1] + len(held)
 
     def _values(self) -> Array:
+        """Return gaps, rows and variables (n,) at the point in the memory."""
         memory = self._memory
         z = memory.z.reshape(-1)
         return np.concatenate(
@@ -43,22 +46,22 @@ class StageRanges:
         )
 
     def excess(self) -> Array:
-        """Return how far gaps, rows and variables (n,) are outside at the point in the memory; NaN
-        where one is.
+        """Return by how much gaps, rows and variables (n,) are outside their ranges at the point in
+        the memory; NaN where they are NaN.
         """
         values = self._values()
         lower, upper = self._ranges
         return np.maximum(np.maximum(lower - values, values - upper), 0.0)
 
     def weights(self, solution: FlatSolution) -> Array:
-        """Return what the rows of `excess` (n,) [1/unit of the row] cost: the size of their
-        multipliers.
+        """Return the weights (n,) [1/unit of the row] of the rows of `excess` in a merit function:
+        the sizes of their multipliers.
         """
         n_x = self._memory.tangent.n_x
-        of_gaps = solution.costate[n_x:]
-        of_rows = solution.y[: len(self._held)]
-        of_variables = solution.y[len(self._held) :][self._bounded]
-        return np.abs(np.concatenate([of_gaps, of_rows, of_variables]))
+        gap_multipliers = solution.costate[n_x:]
+        row_multipliers = solution.y[: len(self._held)]
+        variable_multipliers = solution.y[len(self._held) :][self._bounded]
+        return np.abs(np.concatenate([gap_multipliers, row_multipliers, variable_multipliers]))
 
     def write(self, flat: Mapping[str, Array]) -> None:
         """Write gaps, and ranges of the step from the point in the memory, into the arrays of a
@@ -76,8 +79,8 @@ class StageRanges:
 
 
 def _program_ranges(memory: StageMemory, bounds: RowBounds, level: int) -> Array:
-    """Return the ranges (2, n_rows + 1) of the raw rows of a program: of constraints and of levels
-    above, as `bounds` has them; the last column, of no row, is without ends.
+    """Return the ranges (2, n_rows + 1) of the raw rows of a program: those of `bounds` for
+    constraints and levels above, infinite ones for other rows and for the last column, of no row.
     """
     transcription = memory.whole
     layout = transcription.row_layout
@@ -122,8 +125,8 @@ class StageIndices:
         return np.concatenate([force_rows, *(term_rows[group.numbers] for group in function.held)])
 
     def _variables(self) -> tuple[Array, Array]:
-        """Return the index of each variable of the QP in the points, and in x; where it has no
-        range the latter is -1.
+        """Return the index of each variable of the QP in the points, and in x; -1 in x where it has
+        no range.
         """
         in_points = []
         in_x = []
@@ -146,19 +149,19 @@ class StageIndices:
         return np.concatenate(in_points), np.concatenate(in_x)
 
     def _entries_of_z(self, stage: Stage) -> Array:
-        """Return the entry of z that each state and control of a stage moves straight; -1 where
-        none: of turning axes, and of lengths of steps.
+        """Return the entry of z to which each state and control of a stage is added; -1 where there
+        is none, as for axes that turn and for lengths of steps.
         """
         tangent = self.memory.tangent
         layout = tangent.model.layout
-        straight = np.full(tangent.n_v, -1)
+        positions = np.full(tangent.n_v, -1)
         for joint in self.memory.whole.problem.robot.joints:
             if joint.n_q == joint.n_v:
                 axes = slice(joint.idx_v, joint.idx_v + joint.n_v)
-                straight[axes] = np.arange(joint.q.start, joint.q.stop)
+                positions[axes] = np.arange(joint.q.start, joint.q.stop)
         velocity = np.arange(layout.v.start, layout.v.stop)
         step_length = np.full(int(tangent.free), -1)
-        entries = [straight, velocity, step_length]
+        entries = [positions, velocity, step_length]
         if stage.step:
             entries += [np.arange(layout.a.start, layout.a.stop), np.full(layout.n_null, -1)]
         return np.concatenate(entries)
@@ -181,9 +184,9 @@ class StageIndices:
 
     def program_multipliers(self, rows: Indices, solution: FlatSolution) -> tuple[Array, Array]:
         """Return multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of
-        rows; 0 of laws, which nobody loosens.
+        rows; 0 for laws of motion and the start, which no level can loosen.
 
-        rows (m,): which of those that may be held are in the QP that was solved.
+        rows (m,): rows of the QP that was solved, among those that may be held.
         """
         transcription = self.memory.whole
         layout = transcription.row_layout
@@ -198,11 +201,11 @@ class StageIndices:
         start = transcription.variables.columns(0)[: transcription.model.layout.h]
         x[start] = 0.0
         raw[self.raw] = held
-        of_program = np.zeros(ranges.n_rows)
-        of_program[: len(layout.constraints)] = raw[layout.constraints]
+        program_rows = np.zeros(ranges.n_rows)
+        program_rows[: len(layout.constraints)] = raw[layout.constraints]
         for level, held_rows in zip(ranges.levels, layout.held, strict=True):
-            of_program[level.frozen] = raw[held_rows]
-        return x[:-1], of_program
+            program_rows[level.frozen] = raw[held_rows]
+        return x[:-1], program_rows
 
     def force_ranges(self, x_lower: Array, x_upper: Array) -> Array:
         """Return the limits (2, n) of forces: those that are variables have bounds x_lower and

@@ -21,6 +21,7 @@ class ParameterLayout:
     """Layout of the parameters p."""
 
     blocks: tuple[TermBlock, ...]
+    """Blocks of terms whose parameters these are."""
     start: slice
     """q [m, rad] and v [m/s, rad/s] of the first node."""
     water: slice
@@ -46,7 +47,8 @@ class ParameterLayout:
     ) -> np.ndarray:
         """Return parameters (n,) with the first node at t0 [s]; see `Transcription.parameters`.
 
-        written_at (n_nodes, n_q) [m, rad].
+        written_at (n_nodes, n_q) [m, rad]: configurations at which terms that follow the guess are
+        written.
         """
         problem = reused.problem
         nominal = problem.nominal_times()
@@ -71,7 +73,8 @@ class ParameterLayout:
                 },
             )
             is_on_path = i < n_phases
-            parts.append(numbers.parameters(nodes, rate if is_on_path else last_share))
+            share = rate if is_on_path else last_share
+            parts.append(numbers.parameters(nodes, share))
         return np.concatenate(parts)
 
 

@@ -55,9 +55,9 @@ class StageModel:
         """Write the symbols of a step.
 
         eliminated: forces are expressions in the other variables. like: another model, whose
-        dynamics serve this one too where they are the same. compiled:
-        rows and their derivatives become machine code; else CasADi's virtual machine evaluates
-        them, and nothing waits for a compiler.
+        dynamics serve this one too where they are the same. compiled: rows and their derivatives
+        become machine code; else CasADi's virtual machine evaluates them, and nothing waits for a
+        compiler.
         """
         robot = problem.robot
         self.problem = problem
@@ -67,7 +67,7 @@ class StageModel:
         is_direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
         needs_force_variables = problem.water or problem.limited or not is_direct
         self.has_force_variables = needs_force_variables and not eliminated
-        """Thrust and torque are variables."""
+        """True where thrust and torque are variables."""
         self.layout = StepLayout(
             n_q=robot.n_q,
             n_v=robot.n_v,
@@ -96,7 +96,7 @@ class StageModel:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """Return the key of the dynamics."""
+        """Key of the dynamics: models of one key have the same."""
         problem = self.problem
         return (
             self.robot,
@@ -110,7 +110,7 @@ class StageModel:
 
     @property
     def content(self) -> str:
-        """Hash of the robot's forces, which are not written out anew for each model of a kind."""
+        """Hash of the robot's forces, computed once for all models of a kind."""
 
         def compute() -> str:
             inputs = [self.z[: self.n_motion], self.water]
@@ -144,39 +144,39 @@ class StageModel:
         if not (self._compiled and is_exact and self.has_force_variables):
             residuals = None if is_exact else ()
             return self.derivatives("dynamics", z, self.water, rows, residuals=residuals)
-        return self._dynamics_with_bend(rows)
+        return self._dynamics_by_force_curvature(rows)
 
-    def _dynamics_with_bend(self, rows: ca.SX) -> Derivatives:
-        """Build the derivatives of the dynamics with the Hessian made of `bend`, which all solvers
-        share.
+    def _dynamics_by_force_curvature(self, rows: ca.SX) -> Derivatives:
+        """Build the derivatives of the dynamics, with a Hessian made of `force_curvature`, which all
+        solvers share.
         """
-        # All are begun before any of them is waited for.
-        compiling_bend = self.bend
+        # Compilations all begin before the first is waited for.
+        compiling_force_curvature = self.force_curvature
         compiling_curvature = self._curvature(rows)
         compiled = compiled_derivatives("dynamics", self.z, self.water, rows, residuals=())
-        bend = available_function(compiling_bend)
+        force_curvature = available_function(compiling_force_curvature)
         curvature = available_function(compiling_curvature)
         z = ca.MX.sym("x", self.layout.n_z)
         water = ca.MX.sym("x", 3)
         sigma = ca.MX.sym("x", 0)
         lam = ca.MX.sym("x", rows.numel())
         force_weights = lam[-self.n_forces :] / ca.DM(self.actuators.force_unit)
-        bent = bend(z[: self.n_motion], water, force_weights)
+        bent = force_curvature(z[: self.n_motion], water, force_weights)
         H = curvature(z, lam, bent)
         hessian = ca.Function("dynamics_hessian", [z, water, sigma, lam], [H.nz[:]])
         return replace(compiled, hessian=hessian, hessian_sparsity=curvature.sparsity_out(0))
 
     @property
     def n_motion(self) -> int:
-        """First entries of z, up to the acceleration, on which motion and `required_force`
-        depend.
+        """Number of the first entries of z, up to the acceleration, on which motion and
+        `required_force` depend.
         """
         return self.layout.a.stop
 
     @cached_property
-    def bend(self) -> ca.Function:
-        """``z up to the acceleration, water, weights -> bent``: slope and curvature of a weighted
-        sum of forces by `midpoint`.
+    def force_curvature(self) -> ca.Function:
+        """Function ``z up to the acceleration, water, weights -> slope and curvature`` of a weighted
+        sum of forces by `midpoint`, in one column.
 
         Compiled by itself, for all solvers: code too long for the instruction cache is three times
         slower.
@@ -184,7 +184,7 @@ class StageModel:
         inputs = [self.z[: self.n_motion], self.water]
 
         def make() -> ca.Function:
-            motion, w, slope, H = self._force_curvature
+            motion, w, slope, H = self._weighted_forces
             slope_and_curvature = ca.vertcat(slope, *H.nonzeros())
             bent = ca.densify(ca.substitute(slope_and_curvature, motion, self.midpoint))
             return ca.Function("force_curvature", [*inputs, w], [bent], {"cse": True})
@@ -192,17 +192,17 @@ class StageModel:
         return compiled_from("force_curvature", self.content, make, __file__)
 
     @property
-    def bent(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Symbols for what `bend` gives, and the slope and the curvature in them."""
-        slope, H = self._force_curvature[2:]
+    def force_curvature_symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Symbols for the column that `force_curvature` gives, and slope and curvature in them."""
+        slope, H = self._weighted_forces[2:]
         bent = ca.SX.sym("bent", slope.numel() + H.nnz())
         n = slope.numel()
         return bent, bent[:n], ca.SX(H.sparsity(), bent[n:])
 
     @cached_property
-    def _force_curvature(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Symbols of the motion and of weights of forces, and slope and curvature of the weighted
-        sum of forces in them.
+    def _weighted_forces(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Symbols of the motion and of weights of forces; slope and curvature of the weighted sum of
+        forces in these.
         """
         n_q = self.layout.n_q
         n_v = self.layout.n_v
@@ -218,13 +218,13 @@ class StageModel:
         return motion, w, slope, ca.sparsify(hessian)
 
     def _curvature(self, rows: ca.SX) -> ca.Function:
-        """``z, multipliers of rows, bent -> H`` of the dynamics."""
+        """Build the function ``z, multipliers of rows, force curvature -> H`` of the dynamics."""
         z = self.z
         lam = ca.SX.sym("lam", rows.numel())
         middle = self.midpoint
 
         def make() -> ca.Function:
-            bent, slope, H = self.bent
+            bent, slope, H = self.force_curvature_symbols
             D = ca.jacobian(middle, z)
             n = rows.numel() - self.n_forces
             weighted_motion = ca.dot(slope, middle) + ca.dot(lam[:n], rows[:n])
@@ -240,12 +240,12 @@ class StageModel:
 
     @cached_property
     def required_force(self) -> ca.SX:
-        """Generalised forces (n_v,) [N, N m] that a step takes."""
+        """Generalised forces (n_v,) [N, N m] that the motion of a step needs."""
         return self.forces_of(self.midpoint)
 
     @cached_property
     def midpoint(self) -> ca.SX:
-        """q, v and a (n_q + 2 n_v,) where the forces of a step are."""
+        """q, v and a (n_q + 2 n_v,) at the time in a step for which its forces are computed."""
         z = self.z
         layout = self.layout
         q = z[layout.q]
@@ -269,8 +269,8 @@ class StageModel:
 
     @cached_property
     def force(self) -> ca.SX:
-        """(n_v,) [N, N m] `required_force`; where forces are `eliminated` a symbol for it:
-        differentiated once for all rows.
+        """(n_v,) [N, N m] `required_force`; where forces are `eliminated`, a symbol for it, so that
+        it is differentiated once for all rows.
         """
         if self._eliminated:
             return ca.SX.sym("f", self.robot.n_v)
@@ -291,7 +291,7 @@ class StageModel:
 
     @cached_property
     def inputs_function(self) -> ca.Function:
-        """``z, water -> thrust, torque`` in shares of their limits."""
+        """Function ``z, water -> thrust, torque``, in shares of their limits."""
         outputs = [ca.densify(part) for part in self.inputs]
         function = ca.Function("inputs", [self.z, self.water], outputs)
         if self.has_force_variables:
@@ -299,7 +299,7 @@ class StageModel:
         return available_function(start_compiling(function))
 
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
-        """Return the configuration after the time h of constant acceleration."""
+        """Return the configuration after a time h of constant acceleration."""
         if self.problem.integrator is Integrator.EULER:
             step = h * v + h**2 * a
         else:
@@ -344,8 +344,9 @@ class StepLayout:
     n_thrust: int
     n_torque: int
     n_null: int = 0
+    """Number of coordinates of what cancels out among redundant thrusters."""
 
-    # Where each of them is in z:
+    # Places of these parts in z.
     q: slice = field(init=False, compare=False)
     v: slice = field(init=False, compare=False)
     a: slice = field(init=False, compare=False)
@@ -382,8 +383,8 @@ def kept_content(model_hash: Keyed) -> str:
 
 
 def altimeter_range(problem: OcpProblem, kinematics: SymbolicKinematics) -> ca.SX:
-    """Return the range over a level floor: what makes the vertical part of the beam the height
-    above it.
+    """Return the range [m] over a level floor: the height above it over the cosine of the beam's
+    tilt.
     """
     if not np.isfinite(problem.floor) or not problem.robot.has_frame(problem.altimeter_frame):
         return ca.SX(ca.inf)
@@ -393,4 +394,6 @@ def altimeter_range(problem: OcpProblem, kinematics: SymbolicKinematics) -> ca.S
 
 def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:
     """Return the Lie bracket of body twists, ``d/ds`` of the adjoint action of exp(s v) on a."""
-    return ca.vertcat(ca.cross(v[3:], a[:3]) + ca.cross(v[:3], a[3:]), ca.cross(v[3:], a[3:]))
+    linear = ca.cross(v[3:], a[:3]) + ca.cross(v[:3], a[3:])
+    angular = ca.cross(v[3:], a[3:])
+    return ca.vertcat(linear, angular)

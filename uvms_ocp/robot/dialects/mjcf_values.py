@@ -14,7 +14,7 @@ from uvms_ocp.record.untrusted import note_file_read
 from uvms_ocp.record.xml_file import read_xml
 from uvms_ocp.robot.urdf_elements import Element, quoted, to_floats
 
-_MOST_INCLUDED = 50
+_MAX_INCLUDED = 50  # files
 _MAIN = "main"
 _ACTUATORS = {"motor", "position", "velocity", "general", "intvelocity", "damper", "cylinder"}
 _UNREAD_OPTIONS = ("boundmass", "boundinertia", "balanceinertia")
@@ -24,12 +24,13 @@ _SHORTEST = 1e-9  # norm of a quaternion or an axis
 
 @dataclass(kw_only=True, slots=True)
 class Defaults:
-    """Attributes that elements have where they do not state them, by class and element."""
+    """Attributes that elements have where they do not state them."""
 
     classes: dict[str, dict[str, dict[str, str]]] = field(default_factory=lambda: {_MAIN: {}})
+    """Attributes by name of the class and tag of the element."""
 
     def read(self, element: Element, above: str | None = None) -> None:
-        """Take a <default> with those inside it."""
+        """Read a <default> with those inside it; above: class of the one around it."""
         name = element.get("class") or (above or _MAIN)
         inherited = self.classes.get(above or _MAIN, {})
         values = {tag: dict(attributes) for tag, attributes in inherited.items()}
@@ -63,15 +64,19 @@ class Compiler:
     """Options of <compiler> that change what is read."""
 
     in_degrees: bool = True
+    """True where angles are in degrees, not radians."""
     euler_axes: str = "xyz"
+    """Axes of the three Euler angles; small letters for axes that turn with the frame."""
     limits_by_range: bool = True
+    """True where a stated range alone limits a joint."""
     mesh_folder: str = ""
+    """Folder of meshes, relative to the file."""
     inertia_of_geoms: str = "auto"
     """``auto``: where a body states none, ``true``: always, ``false``: never."""
     geom_groups: tuple[int, int] = (0, 5)
     """Groups of geoms that have inertia."""
     total_mass: float = 0.0
-    """[kg] that all bodies are scaled to; 0 where they are not."""
+    """[kg] total mass to which all bodies are scaled; 0 where they are not."""
     unread: tuple[str, ...] = ()
     """Options that change inertias and are not read."""
 
@@ -105,8 +110,8 @@ def read_compiler(root: Element) -> Compiler:
 
 
 def vector(values: dict[str, str], key: str, default: Sequence[float]) -> np.ndarray:
-    """Return the numbers of an attribute, as many as the default has where it has any. Raises
-    `InvalidInput`.
+    """Return the numbers of an attribute, as many as the default has, or any number of them where it
+    is empty. Raises `InvalidInput`.
     """
     if key not in values:
         return np.array(default, dtype=float)
@@ -162,6 +167,7 @@ def pose(values: dict[str, str], compiler: Compiler) -> pin.SE3:
 
 
 def _unit(values: np.ndarray, key: str) -> np.ndarray:
+    """Return the vector scaled to length 1. Raises `InvalidInput` for one of length 0."""
     norm = float(np.linalg.norm(values))
     if norm < _SHORTEST:
         raise InvalidInput(f"{key}: of length 0; allowed: another length")
@@ -169,7 +175,7 @@ def _unit(values: np.ndarray, key: str) -> np.ndarray:
 
 
 def _euler(angles: np.ndarray, compiler: Compiler) -> np.ndarray:
-    """Return the rotation about three axes, of those that turn with it in small letters."""
+    """Return the rotation (3, 3) of three Euler angles about the axes of the compiler's options."""
     R = np.eye(3)
     for letter, angle in zip(compiler.euler_axes, angles, strict=True):
         axis = np.eye(3)["xyz".index(letter.lower())]
@@ -190,8 +196,8 @@ def with_included(path: Path, root: Element) -> None:
         element = waiting.pop()
         for include in element.findall("include"):
             n_included += 1
-            if n_included > _MOST_INCLUDED:
-                raise InvalidInput(f"more than {_MOST_INCLUDED} files are included")
+            if n_included > _MAX_INCLUDED:
+                raise InvalidInput(f"more than {_MAX_INCLUDED} files are included")
             file = path.parent / include.get("file", "")
             try:
                 content = read_xml(file)

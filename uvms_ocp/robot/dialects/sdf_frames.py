@@ -90,9 +90,10 @@ class FrameGraph:
             name = frame.attached_to
 
     def _frame(self, name: str) -> PlacedFrame:
-        of_model = f"{name}::__model__"  # a model's name stands for its frame
-        if name not in self.frames and of_model in self.frames:
-            return PlacedFrame(above=of_model, X=pin.SE3.Identity(), attached_to=of_model)
-        if name not in self.frames:
-            raise InvalidInput(f"frame {name!r} is not in the file")
-        return self.frames[name]
+        """Return a frame by its name; the name of a model stands for the model's frame."""
+        if name in self.frames:
+            return self.frames[name]
+        model_frame = f"{name}::__model__"
+        if model_frame in self.frames:
+            return PlacedFrame(above=model_frame, X=pin.SE3.Identity(), attached_to=model_frame)
+        raise InvalidInput(f"frame {name!r} is not in the file")

@@ -74,6 +74,7 @@ def check_echo(setup: Setup) -> Iterator[Finding]:
 
 
 def _silent_start(setup: Setup, phase: str, names: str) -> Iterator[Finding]:
+    """Find a start at which the altimeter has no echo; names: tasks and quantities that need one."""
     beam = AltimeterBeam(setup.robot, setup.altimeter_frame or "").at(setup.start)
     if beam.cosine > STEEP and math.isfinite(
         setup.environment.seafloor.range_along(beam.origin, beam.direction)
@@ -117,6 +118,7 @@ def check_goals(setup: Setup) -> Iterator[Finding]:
 
 
 def _start(setup: Setup, visit: Visit) -> Iterator[Finding]:
+    """Find a start inside the floor, below the minimum altitude, or too much tilted."""
     X_WS = setup.altimeter_pose(setup.start)
     altitude = float(X_WS.translation[2]) - setup.floor_at(X_WS.translation[0], X_WS.translation[1])
     minimum = visit.active(MinimumAltitude)
@@ -148,7 +150,7 @@ def _way_point(
     gap = minimum.threshold - _altitude(setup, goal)
     if gap <= 0:
         return
-    higher_task = next(t.name for t in visit.tasks if t in (task, minimum))
+    higher_task = next(item.name for item in visit.tasks if item in (task, minimum))
     figures = {
         "kept_away_m": gap,
         "ball_m": radius,
@@ -184,7 +186,7 @@ def _altitude(setup: Setup, X_WB: pin.SE3) -> float:
 
 
 def _least_gap(setup: Setup, goal: pin.SE3, minimum: MinimumAltitude, radius: float) -> float:
-    """Return the least distance [m] by which the minimum altitude shuts the vehicle out, over the
+    """Return the smallest distance [m] by which the minimum altitude keeps the vehicle away, over the
     ball around a way point.
     """
     top = pin.SE3(goal.rotation, goal.translation + np.array([0.0, 0.0, radius]))
@@ -193,6 +195,7 @@ def _least_gap(setup: Setup, goal: pin.SE3, minimum: MinimumAltitude, radius: fl
 
 
 def _landing(visit: Visit, landing: LandingAltitude, minimum: MinimumAltitude) -> Iterator[Finding]:
+    """Find a landing that aims below the minimum altitude."""
     aim = landing.rest_altitude
     if aim < minimum.threshold:
         text = (

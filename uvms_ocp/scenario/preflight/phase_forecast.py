@@ -18,8 +18,8 @@ from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, Task, VehiclePose, goals
 
 _N_RIM = 8  # positions on the rim of the ball in which a phase may end
-_BEND = 0.3  # [rad] by which a way point may be entered beside the straight way
-_OVERHEAD = 1e-3  # [m] nearer to the target its direction is not defined
+_BEND = 0.3  # [rad] angle from the straight way at which a way point may be approached
+_OVERHEAD = 1e-3  # [m] horizontal distance below which a target has no direction
 AnyTask = TypeVar("AnyTask", bound=Task)
 
 
@@ -47,15 +47,16 @@ class Stance:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Visit:
-    """One phase on the way, with the stances that the vehicle may have at its end; the first is the
-    likeliest.
-    """
+    """One phase of the mission, with the stances that the vehicle may have at its end."""
 
     index: int
+    """Number of the phase in the mission."""
     phase: Phase
+    """The phase itself."""
     tasks: tuple[Task, ...]
     """Tasks that are on, with the goals of this phase."""
     stances: tuple[Stance, ...]
+    """Stances at its end, the likeliest first."""
 
     def active(self, kind: type[AnyTask]) -> AnyTask | None:
         """Return the first task of a kind that is on."""
@@ -122,6 +123,7 @@ def points_on_ball(centre: np.ndarray, radius: float) -> Iterator[np.ndarray]:
 
 
 def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
+    """Return the stances at the end of a phase whose `stances` are those at its beginning."""
     stances = visit.stances
     if visit.active(NullVelocity) is not None:
         return stances

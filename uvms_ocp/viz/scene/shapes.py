@@ -26,6 +26,7 @@ def material(rgba: tuple[float, ...] | np.ndarray, **options: Any) -> mg.MeshPho
 
 
 def _hex(red: float, green: float, blue: float) -> int:
+    """Return a colour, of parts from 0 to 1, as one number of three bytes."""
     r, g, b = (round(255 * min(max(x, 0.0), 1.0)) for x in (red, green, blue))
     return (r << 16) + (g << 8) + b
 
@@ -41,8 +42,8 @@ def glow(rgb: tuple[float, ...], opacity: float) -> mg.MeshBasicMaterial:
 
 
 def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray) -> bool:
-    """Draw `shape` below `node` in rgba (4,); tells whether meshcat can (half-spaces and planes it
-    cannot).
+    """Draw `shape` below `node` in rgba (4,); return whether meshcat can draw it, which it cannot
+    for half-spaces and planes.
     """
     parts = [*_parts(shape)]
     for i, (geometry, pose) in enumerate(parts):
@@ -54,6 +55,7 @@ def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray
 
 
 def _parts(shape: Any) -> Iterator[Part]:
+    """Yield the geometries that make up a shape."""
     if isinstance(shape, coal.Box):
         yield mg.Box((2 * shape.halfSide).tolist()), np.eye(4)
     elif isinstance(shape, coal.Ellipsoid):
@@ -116,9 +118,7 @@ def tube(points: np.ndarray, radius: float, sides: int = 6) -> mg.TriangularMesh
 
 
 def _rings(points: np.ndarray, sides: int) -> np.ndarray:
-    """Return unit circles (n, sides, 3) across the path; their first axis is carried along against
-    twisting.
-    """
+    """Return unit circles (n, sides, 3) across the path, without twist from one to the next."""
     tangent = np.gradient(points, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
     first = np.empty_like(tangent)
