@@ -61,8 +61,8 @@ def saturate(x: ca.SX, limit: float) -> ca.SX:
 
 
 def row_acceleration(J: ca.SX, limit: np.ndarray) -> ca.SX:
-    """Rate of change (m,) of ``J v`` along each row's own gradient, as the first axis reaches its
-    limit (n_v,) [m/s2, rad/s2].
+    """Compute the largest rate of change (m,) of ``J v`` along each row's own gradient: there the
+    first axis reaches its limit (n_v,) [m/s2, rad/s2].
     """
     shares_of_limits = ca.fabs(J) @ ca.diag(ca.DM(1 / limit))
     effort = functools.reduce(ca.fmax, ca.horzsplit(shares_of_limits))
