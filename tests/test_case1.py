@@ -123,6 +123,7 @@ def test_the_same_scenario_gives_the_same_record() -> None:
     np.testing.assert_array_equal(first["command"], second["command"])
 
 
+@pytest.mark.slow
 def test_every_number_can_be_overridden() -> None:
     scenario = case1(
         robot=load_robot("girona_maris7").with_frame_pose("altimeter", pose_at((0.2, 0.0, -0.3))),

@@ -69,6 +69,7 @@ def test_the_mission_completes_with_the_tool_at_the_target(run: Run) -> None:
     assert run.report["tool_orientation_error_rad"] < run.orientation
 
 
+@pytest.mark.slow
 def test_limits_hold_on_the_physical_plant(run: Run) -> None:
     limits = run.scenario.robot.limits
     joints = run.record["q"][:, 7:]
@@ -100,6 +101,7 @@ def test_the_observer_finds_the_drag_of_the_current() -> None:
     assert np.linalg.norm(pushed) > 5.0
 
 
+@pytest.mark.slow
 def test_the_observer_does_the_work_of_an_integral() -> None:
     """Without integral action a current leaves a velocity error; the observer takes most of it
     away.

@@ -10,6 +10,7 @@ from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.solvers.nlp.options import NlpOptions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("convergence", [1e-6, 1e-8])
 def test_a_last_step_that_breaks_limits_is_not_taken(convergence: float) -> None:
     planner = Planner(

@@ -41,6 +41,7 @@ def completed_without_passing(name: str) -> dict[str, Any]:
     return {"name": name, "end": "completed", "passed": False}
 
 
+@pytest.mark.slow
 def test_a_study_goes_on_where_it_was_after_cases_that_completed_and_did_not_pass(
     tmp_path: Path,
 ) -> None:

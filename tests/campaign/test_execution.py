@@ -73,6 +73,7 @@ def test_a_time_that_is_over_ends_the_block_whatever_it_catches_and_never_what_f
     time.sleep(0.1)
 
 
+@pytest.mark.slow
 def test_short_runs_share_tasks_and_come_back_whole(tmp_path: Path) -> None:
     work = TrivialRuns()
     run_jobs(tmp_path, identity_of(work, 3000), work, workers=1)
@@ -100,6 +101,7 @@ def test_a_cluster_at_an_address_loses_a_worker_and_gets_another(tmp_path: Path)
     assert len(processes.workers) == 3
 
 
+@pytest.mark.slow
 def test_on_a_cluster_of_others_only_the_run_that_ends_processes_by_itself_is_blamed(
     tmp_path: Path,
 ) -> None:

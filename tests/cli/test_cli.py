@@ -318,6 +318,7 @@ def test_a_foreign_file_is_refused_before_the_simulation_and_kept(tmp_path: Path
     assert (tmp_path / "out" / "scene.html").read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")
 def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
@@ -332,6 +333,7 @@ def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path) -> None:
     assert process.stderr.splitlines() == ["error: [Errno 28] No space left on device"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="closes a stream as a POSIX shell does")
 def test_a_closed_stdout_is_no_error(tmp_path: Path) -> None:
     words = ["sh", "-c", 'exec "$0" -m uvms_ocp list >&-', sys.executable]

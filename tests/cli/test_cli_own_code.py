@@ -141,6 +141,7 @@ def test_a_failure_of_ones_own_code_is_one_line_and_more_if_asked_for(
         assert "Traceback (most recent call last)" in more["err"]
 
 
+@pytest.mark.slow
 def test_stdout_is_json_whatever_a_mission_prints(place: Path) -> None:
     (place / "chatty.py").write_text(
         WITHIN.format(scenario="print('made')", tick="print(t); return Command(v=[0.0] * 10)")
@@ -152,6 +153,7 @@ def test_stdout_is_json_whatever_a_mission_prints(place: Path) -> None:
     assert {"made", "read", "0.0"} <= set(told["err"].split())
 
 
+@pytest.mark.slow
 def test_stdout_is_json_whatever_a_program_prints_that_a_mission_starts(place: Path) -> None:
     started = (
         "import os\nimport subprocess\nimport sys\n\nimport uvms_ocp as uo\n\n\ndef"

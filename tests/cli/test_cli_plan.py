@@ -136,6 +136,7 @@ def test_a_fixed_robot_moves_its_joints_alone(tmp_path: Path) -> None:
     assert json.loads(process.stdout)["goal"] == pytest.approx([0.5, 0.0, 0.0, 1.2, -1.0])
 
 
+@pytest.mark.slow
 def test_a_goal_that_no_posture_reaches_exits_with_3_and_advice(tmp_path: Path) -> None:
     process = plan(
         "curve", "--tool", "9", "0", "0", "--axes", "joints", "--out", "out", "--json", cwd=tmp_path
@@ -238,6 +239,7 @@ def test_the_example_of_the_readme_passes_the_sphere_that_the_start_is_near_to(
     assert report["min_clearance_m"] > (0.034 if method == "ocp" else 0.0)
 
 
+@pytest.mark.slow
 def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) -> None:
     wall = ("--robot", "planar5", "--box", "2,0,0,0.1,30,30")
     process = plan("curve", "--joint", "x0=4", *wall, "--out", "out", "--json", cwd=tmp_path)
@@ -288,6 +290,7 @@ def test_optimal_control_writes_its_plan_with_forces(controlled: Run) -> None:
     )
 
 
+@pytest.mark.slow
 def test_optimal_control_that_misses_its_goal_exits_with_3_and_says_why(tmp_path: Path) -> None:
     options = ("--duration", "1", "--steps", "5", "--robot", "planar5")
     process = plan("ocp", "--joint", "x0=0.9", *options, "--out", "out", "--json", cwd=tmp_path)

@@ -46,6 +46,7 @@ def called(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedPr
     )
 
 
+@pytest.mark.slow
 def test_what_is_refused_is_refused_in_one_line_and_nothing_is_compiled_for_it(
     empty: Path, place: Path
 ) -> None:
@@ -92,6 +93,7 @@ def test_a_refusal_is_the_only_line_of_a_new_process(words: str, empty: Path, pl
     assert not empty.exists()
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_an_error_that_comes_while_it_runs_is_the_only_line_too(empty: Path, place: Path) -> None:
     furnish(place)
@@ -103,6 +105,7 @@ def test_an_error_that_comes_while_it_runs_is_the_only_line_too(empty: Path, pla
     assert not (place / "out").exists()
 
 
+@pytest.mark.slow
 def test_without_a_compiler_an_error_is_the_only_line_too(empty: Path, place: Path) -> None:
     furnish(place)
     process = called(*FAILS, cwd=place, PATH=str(place), CC="")
@@ -111,6 +114,7 @@ def test_without_a_compiler_an_error_is_the_only_line_too(empty: Path, place: Pa
     assert line.startswith("error: state of plant")
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_progress_is_not_said_where_stderr_is_no_terminal(empty: Path, place: Path) -> None:
     process = called(*SHORT, cwd=place)
@@ -121,6 +125,7 @@ def test_progress_is_not_said_where_stderr_is_no_terminal(empty: Path, place: Pa
     assert list(empty.glob("*.so"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reason", ["no compiler", "no cache"])
 def test_what_makes_it_slower_is_said_once_in_one_line(
     reason: str, empty: Path, place: Path
@@ -134,6 +139,7 @@ def test_what_makes_it_slower_is_said_once_in_one_line(
     assert line.endswith(": everything works, only slower")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals there")
 @pytest.mark.parametrize(
     "words",

@@ -117,6 +117,7 @@ def test_a_report_that_fails_leaves_the_record(
     assert len(Record.load(tmp_path / "record.npz")) > 1
 
 
+@pytest.mark.slow
 def test_what_was_flown_before_ctrl_c_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -120,6 +120,7 @@ def test_garbage_in_the_cache_is_compiled_anew(garbage: bytes) -> None:
     assert _answer(_compile_visible()) == 42.0
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_processes_that_want_the_same_compile_it_once(
     pretend: Callable[[str], Path], tmp_path: Path
@@ -387,6 +388,7 @@ while not os.path.exists(sys.argv[1]):
 """
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_what_a_process_leaves_at_its_end_another_one_compiles_for_the_next(
     pretend: Callable[[str], Path], tmp_path: Path
@@ -415,6 +417,7 @@ def test_what_a_process_leaves_at_its_end_another_one_compiles_for_the_next(
     assert calls.read_text() == "call\n"
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_process_that_goes_on_imports_what_this_one_has_and_nothing_from_where_it_was_started(
     pretend: Callable[[str], Path], tmp_path: Path

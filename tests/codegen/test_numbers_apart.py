@@ -78,6 +78,7 @@ def test_code_without_its_numbers_is_the_same_for_all_of_them(
     assert (numbers != other_numbers).any()
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("make_scenario", [scenarios.case1, scenarios.obstacle_field])
 def test_numbers_of_tasks_and_gains_compile_nothing_whatever_they_are(
@@ -110,6 +111,7 @@ def test_numbers_of_tasks_and_gains_compile_nothing_whatever_they_are(
     assert tried > 40
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_machine_code_is_there_as_long_as_its_function_and_no_longer(
     monkeypatch: pytest.MonkeyPatch,

@@ -378,6 +378,7 @@ def test_impossible_tunings_are_refused() -> None:
         ActuatorHealthTuning(window=0.0)
 
 
+@pytest.mark.slow
 def test_commands_are_the_same_to_the_last_bit_while_nothing_is_faulty() -> None:
     watched = run(Hover(duration=4.0, seed=2))
     alone = run(Hover(duration=4.0, seed=2, watched=False))

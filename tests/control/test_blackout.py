@@ -78,6 +78,7 @@ def run(
     return recorder.freeze(meta), kinematic
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "lost", [ALL, ("linear_velocity",), ("joint_positions",), ("altimeter_range",)]
 )
@@ -93,6 +94,7 @@ def test_a_robot_without_sensors_slows_down_and_holds_its_arm(lost: tuple[str, .
     assert len(kinematic.watchdog.alarms) == 2
 
 
+@pytest.mark.slow
 def test_a_robot_recovers_gently_after_a_blackout() -> None:
     record, kinematic = run(ALL, BLACKOUT + 12.0, back=BLACKOUT + 8.0)
     after = record["t"] >= BLACKOUT + 8.0

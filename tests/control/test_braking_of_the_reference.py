@@ -25,6 +25,7 @@ FAILURES = [frozenset({channel}) for channel in CHANNELS] + [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [1 / 20, 1 / 50, 1 / 200])
 def test_the_reference_brakes_and_goes_on_within_its_acceleration_limits(dt: float) -> None:
     scenario = case1(plant="kinematic", dt=dt)

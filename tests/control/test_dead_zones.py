@@ -46,6 +46,7 @@ def hover(robot: Robot) -> uo.Record:
     return scenario.run()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dead_zone", "time_constant"), [(1.0, 0.1), (3.0, 0.0), (3.0, 0.2)])
 def test_a_hover_ends_as_near_as_without_dead_zones_and_asks_for_nothing_inside_them(
     dead_zone: float, time_constant: float

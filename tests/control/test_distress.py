@@ -323,6 +323,7 @@ def steps(scenario: Scenario, record: Record) -> float:
     return float((change / (scenario.robot.limits.acceleration * scenario.dt)).max())
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_vehicle_that_its_altimeter_sends_into_the_floor_feels_it_and_climbs() -> None:
     start = pose_at((10.0, 37.5, -38.8))
@@ -352,6 +353,7 @@ def test_thrusters_at_their_limits_for_too_long_end_the_mission() -> None:
     assert report["phases"][-1]["name"] == "climb"
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize(("lost", "phase"), [("altimeter_range", 2), ("joint_positions", 3)])
 def test_in_water_a_lost_channel_leads_up_with_the_arm_held(

@@ -65,6 +65,7 @@ def flown(rate: int, fault: str = "") -> tuple[np.ndarray, np.ndarray, float]:
     return shares, np.abs(record["v_estimated"] - record["v"])[first:, :3], largest
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize(("channel", "defect", "rate"), runs())
 def test_no_change_of_trust_kicks(channel: str, defect: str, rate: int) -> None:
@@ -98,6 +99,7 @@ def struck_runs() -> list[object]:
     return runs
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize(("faults", "rate"), struck_runs())
 def test_no_verdict_and_no_mode_kicks_the_arm_and_faults_are_found_at_every_rate(

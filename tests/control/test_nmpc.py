@@ -147,6 +147,7 @@ def test_strict_priority_of_the_tool_follows_more_closely_than_a_sum(robot: Robo
     assert largest_error(robot, strict, goal, 3.0) < 0.7 * largest_error(robot, summed, goal, 3.0)
 
 
+@pytest.mark.slow
 def test_while_a_plan_is_late_the_last_one_goes_on(robot: Robot) -> None:
     goal = circle(robot)
     nmpc = Nmpc(following(robot, goal), clock=Stopwatch(7))

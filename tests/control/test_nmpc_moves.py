@@ -400,6 +400,7 @@ def test_the_mean_period_of_planning_is_what_was_asked_for(dt: float, period: fl
     assert (request_times - multiples < dt).all()
 
 
+@pytest.mark.slow
 def test_plans_are_made_as_often_as_the_period_says(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = reach(robot_named("bluerov2"))
     flight = fly(problem, lambda: 0.0, monkeypatch, seconds=2.0, period=0.05)

@@ -166,6 +166,7 @@ def test_a_settled_row_is_exact(robot: Robot) -> None:
     np.testing.assert_array_equal(outputs(robot, np.zeros(13), 1.0)["lower"][13:19], 0.0)
 
 
+@pytest.mark.slow
 def test_axes_that_no_task_needs_stay_still_through_the_first_transition() -> None:
     record = case1(duration=20.0).run()
     assert record["phase"].max() == 1

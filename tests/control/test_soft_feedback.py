@@ -29,6 +29,7 @@ def usual_way() -> np.ndarray:
     return case1(**USUAL).run()["q"][:, :3]
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_vehicle_whose_dvl_falls_silent_stays_on_its_way() -> None:
     way = usual_way()
@@ -38,6 +39,7 @@ def test_a_vehicle_whose_dvl_falls_silent_stays_on_its_way() -> None:
     assert np.abs(without["v"][late, :3]).max() < 0.3
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_dvl_that_is_off_is_found_out_by_position_fixes() -> None:
     way = usual_way()

@@ -132,6 +132,7 @@ def test_levels_take_few_factors_once_there_is_a_plan_to_start_from(
     assert max(factors) <= 5
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_a_step_that_mends_another_is_given_up_soon(
     robot: Robot, monkeypatch: pytest.MonkeyPatch

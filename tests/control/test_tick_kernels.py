@@ -256,6 +256,7 @@ def towards_a_ball(robot: Robot) -> KinematicController:
     return KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=DT)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_distances_and_their_limits_in_python_give_the_same_bits(
     scenario: Scenario, monkeypatch: pytest.MonkeyPatch

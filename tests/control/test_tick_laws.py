@@ -86,6 +86,7 @@ def _gates(machine: Machine, rng: np.random.Generator) -> np.ndarray:
     return np.array([phase.activations.get(task.name, 0.0) for task in tasks])
 
 
+@pytest.mark.slow
 def test_from_any_start_the_limits_hold_and_the_command_never_steps_by_more_than_the_acceleration(
     machine: Machine,
 ) -> None:

@@ -342,6 +342,7 @@ def test_what_a_limit_raises_is_raised_by_the_rule(
             rule.kept(**arguments, quantities=np.zeros(1))
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_rule_without_compiler_gives_the_same_bits(
     robot: Robot, monkeypatch: pytest.MonkeyPatch

@@ -82,6 +82,7 @@ def ticks(nmpc: Nmpc, robot: Robot, begin: float, n: int) -> list[Command]:
     return [nmpc(measurement, begin + i / 200) for i in range(n)]
 
 
+@pytest.mark.slow
 def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: RunningWorker) -> None:
     within = start_worker(SynchronousWorker(), job(robot))
     number = HOLD
@@ -107,6 +108,7 @@ def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: RunningW
         assert (plan_beside.planned.number, plan_beside.planned.begin) == (number, began)
 
 
+@pytest.mark.slow
 def test_the_robot_stays_until_the_first_plan_beside_and_follows_it_then(robot: Robot) -> None:
     with Nmpc(reach(robot), worker=ProcessWorker(timeout=60.0, lead=0.01)) as nmpc:
         first_command = ticks(nmpc, robot, 0.0, 1)[0]
@@ -124,6 +126,7 @@ def test_the_robot_stays_until_the_first_plan_beside_and_follows_it_then(robot: 
     assert nmpc.worker_status is WorkerStatus.CLOSED
 
 
+@pytest.mark.slow
 def test_a_process_that_was_killed_is_a_status_and_ticks_go_on(robot: Robot) -> None:
     with Nmpc(reach(robot), worker=ProcessWorker()) as nmpc:
         ticks(nmpc, robot, 0.0, 1)
@@ -136,6 +139,7 @@ def test_a_process_that_was_killed_is_a_status_and_ticks_go_on(robot: Robot) -> 
     assert nmpc.worker_status is WorkerStatus.CRASHED
 
 
+@pytest.mark.slow
 def test_a_solve_that_takes_too_long_is_stopped(robot: Robot) -> None:
     worker = start_worker(ProcessWorker(timeout=1e-9), job(robot))
     process = worker._process  # type: ignore[attr-defined]
@@ -147,6 +151,7 @@ def test_a_solve_that_takes_too_long_is_stopped(robot: Robot) -> None:
     assert not process.is_alive()
 
 
+@pytest.mark.slow
 def test_closing_ends_the_process_and_may_be_done_twice(
     robot: Robot, beside: RunningWorker
 ) -> None:

@@ -66,6 +66,7 @@ def flown(
     )
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize(
     ("delay", "rate", "force"),

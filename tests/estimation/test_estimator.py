@@ -132,6 +132,7 @@ def deviation(runs, name, after=20.0):
     return np.sqrt(np.mean([getattr(run, name)[run.t >= after] ** 2 for run in runs], axis=(0, 1)))
 
 
+@pytest.mark.slow
 def test_at_rest_the_position_is_known_to_four_millimetres_after_twenty_seconds(resting):
     assert deviation(resting, "position").max() < 4e-3
 
@@ -159,6 +160,7 @@ def test_estimated_velocities_lag_by_less_than_fifty_milliseconds(robot, start, 
     assert max(abs(run.lag_of(i)) for i in range(robot.n_v)) <= 0.05
 
 
+@pytest.mark.slow
 def test_a_known_command_halves_the_velocity_error(robot, start):
     blind, told = (
         Run(robot, start, steps(robot), 30.0, commanded=commanded, lag=0.1)

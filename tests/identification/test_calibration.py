@@ -167,6 +167,7 @@ def test_whenever_it_is_pressed_a_calibration_stops_in_one_line() -> None:
     assert len(collected) > 5
 
 
+@pytest.mark.slow
 def test_the_command_writes_all_of_it(tmp_path: Path) -> None:
     settings = tmp_path / "my.yaml"
     recording = tmp_path / "drive.csv"
@@ -218,6 +219,7 @@ def test_what_stays_open_is_told_as_it_was_before() -> None:
     assert row.endswith("| as before |")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "delay", [0.05, *(pytest.param(delay, marks=pytest.mark.slow) for delay in (0.02, 0.1))]
 )
@@ -290,6 +292,7 @@ def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_i
         assert none == [at_once] * 2
 
 
+@pytest.mark.slow
 def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
     """To first order; each recording has one for itself."""
     settings, recording, found = case()

@@ -172,6 +172,7 @@ def test_what_is_proposed_removes_the_doubt(
     assert re.sub(left_out, "", after).strip("; ") == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "offset"), [(400.0, 1500.0), (1.0, 0.0)])
 def test_commands_that_are_no_newtons_become_what_is_proposed(
     scale: float, offset: float, tmp_path: Path

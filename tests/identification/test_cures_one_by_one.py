@@ -79,6 +79,7 @@ SPOILED: dict[str, tuple[str, Change]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "spoil"), SPOILED.values(), ids=SPOILED)
 def test_what_alone_is_wrong_is_turned_alone(name: str, spoil: Change, tmp_path: Path) -> None:
     truth = dive()
@@ -86,6 +87,7 @@ def test_what_alone_is_wrong_is_turned_alone(name: str, spoil: Change, tmp_path:
     require_same(read_as_proposed(written(spoiled, tmp_path / "dive.csv")), truth)
 
 
+@pytest.mark.slow
 def test_a_file_that_is_ned_and_frd_throughout_is_turned_as_a_whole(tmp_path: Path) -> None:
     truth = dive()
     spoiled = truth
@@ -96,6 +98,7 @@ def test_a_file_that_is_ned_and_frd_throughout_is_turned_as_a_whole(tmp_path: Pa
     require_same(read_as_proposed(written(spoiled, tmp_path / "dive.csv")), truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sign", "moves"), [(1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)])
 def test_a_depth_of_either_sign_turns_nothing_else(
     sign: float, moves: float, tmp_path: Path
@@ -113,6 +116,7 @@ def test_a_depth_of_either_sign_turns_nothing_else(
     require_same(read, truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [1e3, 1e9])
 def test_channels_of_one_time_column_have_one_unit(times: float, tmp_path: Path) -> None:
     truth = dive()

@@ -467,6 +467,7 @@ def test_a_sensor_at_the_end_of_its_range_is_named(name: str, share: float) -> N
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["linear_velocity", "angular_velocity", "specific_force"])
 def test_readings_with_few_digits_or_held_for_some_samples_are_not_saturated(name: str) -> None:
     for digits in (1e-3, 1e-2, 5e-2):

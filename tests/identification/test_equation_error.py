@@ -48,6 +48,7 @@ def test_what_made_a_recording_is_found_again() -> None:
     assert (found.explained[:3] > 0.9).all()
 
 
+@pytest.mark.slow
 def test_what_acts_nearly_alike_is_told_as_the_weakest_combination() -> None:
     """Mass is nearly the sum of the added masses of all axes."""
     found = fit(

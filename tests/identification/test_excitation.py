@@ -151,6 +151,7 @@ def by_hand(given: ExperimentTask) -> np.ndarray:
     return np.array([[number.sigma for number in numbers] for numbers in made]).min(axis=0)
 
 
+@pytest.mark.slow
 def test_of_what_is_not_believed_half_the_standard_error_by_hand_is_wanted() -> None:
     task = assignment()
     free = [k for k, each in enumerate(found().numbers) if each.quantity == "added_mass"]

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from driven import ACTUATORS, drive, known, vehicle_of
 
 from uvms_ocp.identification.exported_estimate import exported_estimate
@@ -119,6 +120,7 @@ def test_what_is_believed_of_a_delay_is_as_wide_in_seconds_wherever_it_is_found(
     np.testing.assert_allclose(found, found[0], rtol=0.03)
 
 
+@pytest.mark.slow
 def test_what_a_constant_would_change_is_what_a_fit_with_another_one_changes() -> None:
     one = fitted()
     longer = 0.02

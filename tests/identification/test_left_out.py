@@ -90,6 +90,7 @@ def lying(one: Recording) -> Recording:
     )
 
 
+@pytest.mark.slow
 def test_what_is_judged_does_not_change_what_the_others_tell() -> None:
     honest = fitted()
     other = solved([*recordings()[:2], lying(recordings()[2])])
@@ -112,6 +113,7 @@ def test_horizons_are_cut_where_recordings_are_too_short_and_longer_ones_left_ou
         )
 
 
+@pytest.mark.slow
 def test_all_predict_the_same_samples_after_what_was_known() -> None:
     for one in found():
         begin = next(each for each in recordings() if each.name == one.name).span[0]

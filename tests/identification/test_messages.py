@@ -285,6 +285,7 @@ def test_damaged_bags_are_told_in_a_line(storage: str, tmp_path: Path) -> None:
         mapped_recording(bag, ROS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 def test_whatever_bytes_are_changed_a_bag_is_read_or_refused(storage: str, tmp_path: Path) -> None:
     bag = ros_bag(tmp_path / "dive", storage)

@@ -137,6 +137,7 @@ def point(one: Vehicle, stage: StageFunctions, seed: int) -> list[np.ndarray]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_joints", [0, 1])
 def test_slopes_of_a_step_are_differences(n_joints: int) -> None:
     one, stage = built(n_joints=n_joints)
@@ -155,6 +156,7 @@ def test_slopes_of_a_step_are_differences(n_joints: int) -> None:
             )
 
 
+@pytest.mark.slow
 def test_a_short_step_has_the_acceleration_of_forward_dynamics() -> None:
     one, stage = built()
     x, u, joints, p, _ = point(one, stage, 2)
@@ -184,6 +186,7 @@ def test_steps_converge_with_the_square_of_their_length() -> None:
     assert np.linalg.norm(coarse - exact) > 3.3 * np.linalg.norm(fine - exact)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("whole", "beyond"), [(False, 3.0), (True, 4.0)])
 def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_beyond_it(
     whole: bool, beyond: float
@@ -197,6 +200,7 @@ def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_bey
     np.testing.assert_allclose(given, [0.0, beyond, -beyond, 0, 0, 0], atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("whole", [False, True])
 def test_the_edge_of_a_dead_zone_that_is_known_is_where_it_is(whole: bool) -> None:
     auv, _ = built(

@@ -50,6 +50,7 @@ def told(inflation: float = 1.0) -> dict[str, IdentifiedNumber]:
     return {each.name: each for each in numbers(*found(), inflation)}
 
 
+@pytest.mark.slow
 def test_errors_of_numbers_are_those_of_a_change_of_the_unknowns() -> None:
     auv, estimate = found()
     eps = 1e-6 * np.eye(len(estimate.shared))

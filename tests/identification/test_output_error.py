@@ -79,6 +79,7 @@ def fit(*given: Recording, noise: Noise = EXACT, **options: float) -> Estimate:
     return error.solve(error.start(), **options)
 
 
+@pytest.mark.slow
 def test_slopes_of_what_is_seen_are_differences() -> None:
     _, rollout = problem()
     part = stretches(recording(), 3.0)[1]
@@ -179,6 +180,7 @@ def test_a_step_that_damping_holds_back_is_not_called_converged() -> None:
     np.testing.assert_allclose(held_back.shared, auv.shared.start, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_noise_moves_the_unknowns_by_about_their_standard_errors() -> None:
     noise = Noise(velocity=0.02, rate=0.02, vertical=0.02, outliers=100.0)
     fitted = fit(recording(2, 0.02), recording(3, 0.02), noise=noise)
@@ -337,6 +339,7 @@ def test_what_is_kept_of_a_recording_grows_with_its_length() -> None:
     assert long - middle == 2 * (middle - short)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.005])
 def test_a_pose_alone_shows_what_velocities_show(noise: float) -> None:
     names = problem()[0].shared.names

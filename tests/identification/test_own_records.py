@@ -119,6 +119,7 @@ def test_dead_zones_are_learnt_from_a_run_as_robot_files_have_them() -> None:
     assert max(abs(number.value - 2.0) for number in zones) < 0.5
 
 
+@pytest.mark.slow
 def test_of_an_older_run_the_lag_is_lost_and_that_is_told() -> None:
     older = as_before(run())
     assert learnt_lag(older).value < 0.1 * LAG
@@ -302,6 +303,7 @@ def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
         )
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_wrench_of_our_controller_is_ahead_of_the_lag_and_that_is_told() -> None:
     record = bluerov_inspection(duration=2.0).run()
@@ -315,6 +317,7 @@ def test_a_wrench_of_our_controller_is_ahead_of_the_lag_and_that_is_told() -> No
     assert str(doubt).startswith("wrench: thrusters were driven ahead of their lag")
 
 
+@pytest.mark.slow
 def test_a_file_stays_as_it_was_where_it_holds_nothing_of_what_was_learnt(tmp_path: Path) -> None:
     result = calibrate(*subject(), [run_recording(run(), "run")])
     (tmp_path / "variant.yaml").write_text(variant_text(result, ["run"]))

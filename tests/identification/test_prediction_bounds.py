@@ -113,6 +113,7 @@ def text(found: tuple[PredictionBounds, tuple[HeldOutRecording, ...]]) -> str:
     return "\n".join(prediction_lines(recordings, bounds))
 
 
+@pytest.mark.slow
 def test_of_one_vehicle_all_is_predicted_that_one_vehicle_could_explain() -> None:
     by_kind = shares(same_vehicle())
     assert {"surge", "sway", "heave", "yaw rate"} <= by_kind.keys()
@@ -139,6 +140,7 @@ def test_of_two_ballasts_one_vehicle_falls_short_of_each_alone_and_the_report_sa
     assert not shares(other_ballast())["surge"].recordings_differ
 
 
+@pytest.mark.slow
 def test_vehicles_of_their_own_find_the_ballast_that_each_recording_had() -> None:
     bounds, recordings = other_ballast()
     volumes = [
@@ -168,6 +170,7 @@ def test_bounds_predict_the_same_samples_in_the_same_way() -> None:
                     np.testing.assert_array_equal(bound.t[sensor], horizon.by[OTHERS].t[sensor])
 
 
+@pytest.mark.slow
 def test_the_bound_of_leave_one_out_is_the_vehicle_of_all_itself() -> None:
     fitted = identified()
     bounds = fit_bounds(fitted, fitted.prepared)
@@ -340,12 +343,14 @@ def left_out_of(*ballasts: float) -> tuple[tuple[IdentifiedNumber, ...], list[He
     return all_numbers, list(leave_one_out(fitted, horizons=(60.0,)))
 
 
+@pytest.mark.slow
 def test_numbers_of_one_vehicle_move_by_their_standard_errors() -> None:
     all_numbers, left_out = left_out_of(0.0, 0.0, 0.0)
     assert any(number.determined for number in all_numbers)
     assert list(disagreed_numbers(problem()[0], all_numbers, left_out)) == []
 
 
+@pytest.mark.slow
 def test_a_number_called_determined_on_which_recordings_disagree_is_named() -> None:
     all_numbers, left_out = left_out_of(1.0, 0.0, -1.0)
     volume = next(number for number in all_numbers if number.name == "volume")

@@ -217,6 +217,7 @@ def test_a_heading_is_clockwise_from_north(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.sum(way * ahead, axis=1)[2:-2], 0.4, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_of_mavlink_only_messages_are_proposed_whose_meaning_is_laid_down(tmp_path: Path) -> None:
     """What is sent once, remote control and magnetic fields are no channels of it; axes are those
     of its protocol.
@@ -365,6 +366,7 @@ down.
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("convention", CONVENTIONS)
 def test_conventions_of_axes_come_back_as_channels_tell_them_of_each_other(
     convention: str, tmp_path: Path
@@ -747,6 +749,7 @@ LAYOUTS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("layout", LAYOUTS, ids="-".join)
 def test_columns_without_names_are_known_by_their_values(

@@ -60,6 +60,7 @@ def test_a_lag_shorter_than_a_step_leaves_its_whole_impulse() -> None:
     np.testing.assert_allclose(rough[7], fine[7], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
     auv = vehicle()
     rollout = Rollout(stage_of(auv))
@@ -91,6 +92,7 @@ def test_motions_that_alternate_are_all_among_some_minutes(every: int) -> None:
     assert min(kinds.count(0), kinds.count(1)) >= len(chosen) // 4
 
 
+@pytest.mark.slow
 def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

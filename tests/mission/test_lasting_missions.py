@@ -153,6 +153,7 @@ def test_rounds_are_reported_by_phase_and_not_one_by_one() -> None:
     assert repeated_phases(resources(patrol(rounds=1, duration=60.0, **KINEMATIC).run())) == []
 
 
+@pytest.mark.slow
 def test_figures_of_many_rounds_name_no_phase_on_another() -> None:
     record = patrol(rounds=40, duration=300.0, **KINEMATIC).run()
     figure = figure_velocities(record)

@@ -142,6 +142,7 @@ def test_problems_that_tie_steps_to_one_another_are_solved_by_ipopt(robot: Robot
     assert Planner(replace(reach(robot), phases=(free,), longest=8.0)).options.plugin == "ipopt"
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_ipopt_is_tried_where_the_solver_by_stages_does_not_come_to_an_end(
     robot: Robot, monkeypatch: pytest.MonkeyPatch

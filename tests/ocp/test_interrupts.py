@@ -93,6 +93,7 @@ def test_a_search_goes_on_from_where_it_was_stopped(planner: Planner) -> None:
     assert planner.plan(guess=plan).status is OcpStatus.SOLVED
 
 
+@pytest.mark.slow
 def test_the_signal_of_ctrl_c_does_the_same_and_its_handler_is_put_back(planner: Planner) -> None:
     before = signal.getsignal(signal.SIGINT)
 
@@ -159,6 +160,7 @@ def test_an_error_of_the_one_who_looks_on_is_his(planner: Planner) -> None:
     assert planner.plan().status is OcpStatus.SOLVED
 
 
+@pytest.mark.slow
 def test_a_watched_plan_is_the_same_plan(planner: Planner, robot: Robot) -> None:
     silent = planner.plan(reach(robot))
     watched = planner.plan(reach(robot), progress=lambda moment: None)

@@ -415,6 +415,7 @@ PLANS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", PLANS.values(), ids=PLANS)
 def test_a_kept_planner_finds_the_plan_of_a_new_one(options: dict[str, Any]) -> None:
     problem = reach(**options)

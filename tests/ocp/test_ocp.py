@@ -57,6 +57,7 @@ def test_a_warm_solve_of_the_same_problem_needs_no_iterations(planner_of_each: P
     np.testing.assert_allclose(again.trajectory.q, first.trajectory.q, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_no_rounding_decides_whether_a_qp_is_solved_without_a_compiler(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -144,6 +145,7 @@ def test_a_clearance_is_kept_on_the_way(robot: Robot, plugin: str) -> None:
     assert distance.min() >= 0.9 + 0.5 + 0.1 - 1e-5
 
 
+@pytest.mark.slow
 def test_a_plan_is_saved_as_text_and_as_arrays(planner: Planner, tmp_path: Path) -> None:
     plan = planner.plan()
     text = json.loads(plan.save(tmp_path / "plan.json").read_text())

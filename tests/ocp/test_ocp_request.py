@@ -77,6 +77,7 @@ def test_links_keep_a_clearance_of_their_own(planar: Robot) -> None:
     assert _margins(two, scene)[links].max() <= 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "at"),
     [

@@ -42,6 +42,7 @@ def restless() -> Iterator[None]:
     sys.setswitchinterval(interval)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", ["ipopt", "stagewise"])
 @pytest.mark.parametrize("sharing", ["planner", "transcription"])
 def test_threads_get_their_own_plans(restless: None, plugin: str, sharing: str) -> None:

@@ -307,6 +307,7 @@ SHORT: tuple[tuple[float, float, str], ...] = (
 """Durations [s], ways of all joints [rad], and what has to be named."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("duration", "way", "cause"), SHORT)
 def test_what_is_said_to_hold_back_is_what_gives_the_gain_where_it_is_loosened(
     duration: float, way: float, cause: str

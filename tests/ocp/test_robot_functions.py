@@ -97,6 +97,7 @@ def _sources(problem: OcpProblem, monkeypatch: pytest.MonkeyPatch) -> dict[str, 
     return {name: source for name, (_, source, _) in _compiled(problem, monkeypatch).items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sparse", [False, True])
 def test_the_same_content_makes_the_same_function(
     sparse: bool, monkeypatch: pytest.MonkeyPatch
@@ -155,6 +156,7 @@ def test_other_terms_and_other_lengths_compile_nothing_of_the_robot(
     }
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_first_plan_compiles_nothing_within_its_time(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path

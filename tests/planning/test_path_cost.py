@@ -83,6 +83,7 @@ def cost_of(distances: DistanceSource, weights: CostWeights) -> tuple[PathCost, 
     return cost, cost.variables(values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "weights",
     [

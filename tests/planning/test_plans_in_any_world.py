@@ -95,6 +95,7 @@ def test_a_curve_is_the_same_in_any_world(goal: Callable[[pin.SE3], Goal]) -> No
         assert np.abs(found[:n] - usual[:n]).max() < 1e-3, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bearing", [0.0, np.pi / 4, np.pi / 2, -2.0])
 @pytest.mark.parametrize("turn", [0.0, np.pi / 2, 2.5])
 def test_a_long_way_takes_the_same_time_whatever_its_bearing_is_called(
@@ -126,6 +127,7 @@ def test_a_long_way_takes_the_same_time_whatever_its_bearing_is_called(
     np.testing.assert_allclose(halfway, halfway[:1] * len(halfway), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_what_is_found_at_random_is_the_same_in_any_world() -> None:
     """A posture for a tool that looks back, and a way around a wall: neither is found from the
     first guess.
@@ -183,6 +185,7 @@ def test_straight_ahead_needs_no_limit_abeam_wherever_the_vehicle_looks() -> Non
 VEHICLES = [name for name in list_robots() if uo.load_robot(name).n_vehicle]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VEHICLES)
 def test_a_curve_keeps_the_limits_of_the_vehicle_along_its_own_axes_and_takes_all_they_give(
     name: str,

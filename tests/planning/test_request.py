@@ -253,6 +253,7 @@ def test_broken_files_are_refused_by_entry(text: str, message: str, tmp_path: Pa
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_threads_that_plan_side_by_side_leave_linear_algebra_as_it_was(robot: Robot) -> None:
     def threads() -> list[int]:
         return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]

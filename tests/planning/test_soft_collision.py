@@ -61,6 +61,7 @@ def test_a_straight_line_through_an_obstacle_is_bent_around_it(
     assert plan.status.advice
 
 
+@pytest.mark.slow
 def test_given_times_are_kept_where_the_limits_allow(
     robot: Robot, blocked: CollisionScene, ends: np.ndarray
 ) -> None:
@@ -83,6 +84,7 @@ def test_way_points_are_kept_on_request(
     np.testing.assert_allclose(middle, over, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_ipopt_finds_the_same_plan(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
     mine = plan_soft_collision(blocked, ends, limits=limits_of(robot))
     theirs = plan_soft_collision(

@@ -55,6 +55,7 @@ def test_so_does_one_at_any_operation_of_run_plan_and_export(tmp_path: Path) -> 
         assert command["as_in_manifest"], name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("experiment", ["refused", "full"])
 def test_an_operation_that_the_disk_refuses_changes_nothing_and_is_one_line(
     experiment: str, tmp_path: Path

@@ -73,6 +73,7 @@ def nanoseconds(stamp: Any) -> int:
     return int(stamp.sec * 10**9 + stamp.nanosec)
 
 
+@pytest.mark.slow
 def test_types_are_those_that_ros_2_has(topics: dict[str, list[Any]]) -> None:
     """By the definitions of a library that keeps those of ROS 2."""
     typesys = pytest.importorskip("rosbags.typesys")

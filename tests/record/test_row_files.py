@@ -221,6 +221,7 @@ def peak(work: object, *args: object) -> int:
     return peak_bytes
 
 
+@pytest.mark.slow
 def test_memory_of_a_run_does_not_grow_with_its_length(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -285,6 +285,7 @@ def test_damaged_metadata_are_told_in_one_line_that_names_the_file(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_no_code_looks_up_metadata_by_a_string() -> None:
     """`meta[...]` and `meta.get(...)`, of any object called so."""
     lookups = []

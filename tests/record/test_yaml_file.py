@@ -58,6 +58,7 @@ def test_what_is_beyond_the_bounds_is_said_in_one_line(
     assert len(str(caught.value)) < 600
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reader", READERS)
 def test_twenty_thousand_unknown_keys_are_told_by_the_first_few(
     reader: Callable[[Path], object], tmp_path: Path

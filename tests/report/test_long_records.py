@@ -41,6 +41,7 @@ def peak_of(call: object) -> float:
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_margins_of_joints_are_found_part_by_part(short: Record, long: Record) -> None:
     figures = figures_between(long, 0.0, float(long["t"][-1]))
     assert (

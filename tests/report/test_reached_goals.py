@@ -190,6 +190,7 @@ def test_records_that_do_not_tell_the_truth_are_not_judged(noisy: tuple[Scenario
     assert summarize(older)["ended_too_early"] == []
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_energy_without_power_data_is_unknown_and_not_zero(tmp_path: Path) -> None:
     content = safe_load(

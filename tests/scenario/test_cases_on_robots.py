@@ -151,6 +151,7 @@ def tour(**options: object) -> Scenario:
     )
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize(
     "options",

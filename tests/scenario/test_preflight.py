@@ -390,6 +390,7 @@ def test_delays_that_the_loops_do_not_bear_are_told(
         assert finding.figures["allowed_s"] < finding.figures["swings_from_s"]
 
 
+@pytest.mark.slow
 def test_what_is_refused_for_its_delays_swings_and_what_is_allowed_does_not() -> None:
     allowed = late(joint_positions=0.3).check().of_check("delays")[0].figures["allowed_s"]
     calm, wild = (

@@ -70,6 +70,7 @@ def test_a_current_that_sets_in_sends_the_mission_back_and_it_ends_well() -> Non
     assert report["tool_position_error_m"] < 1e-3
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_without_back_steps_the_current_loses_the_target() -> None:
     report = summarize(current_drift(back_steps=False, dt=0.01, duration=75.0).run())
@@ -79,6 +80,7 @@ def test_without_back_steps_the_current_loses_the_target() -> None:
     assert report["cause"]["kind"] in ("stalled", "slow")
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_retries_that_are_used_up_end_the_mission_with_a_cause() -> None:
     report = summarize(current_drift(retries=0, dt=0.01, duration=75.0).run())
@@ -190,6 +192,7 @@ def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_h
     assert closest_approach(scenario.robot, scenario.environment, lost["q"][::5]).distance < 0
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_without_water_the_obstacles_are_kept_at_the_threshold() -> None:
     scenario = obstacle_field(plant="kinematic", dt=0.02)

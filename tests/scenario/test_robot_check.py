@@ -240,6 +240,7 @@ def test_a_variant_in_the_place_of_a_whole_file_is_named(tmp_path: Path) -> None
     assert "variant" not in finding(whole, "thrusters").text
 
 
+@pytest.mark.slow
 def test_the_command_has_the_options_of_the_loader() -> None:
     urdf = str(example_robot_data() / "robots" / "panda_description/urdf/panda.urdf")
     for word, joints in (("coupled", 8), ("free", 9), ("fixed", 8)):

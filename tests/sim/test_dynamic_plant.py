@@ -153,6 +153,7 @@ def test_a_trimmed_robot_with_held_joints_stays(name: str) -> None:
     assert np.abs(plant.state.q[3:6]).max() < 0.02
 
 
+@pytest.mark.slow
 def test_a_robot_adrift_takes_the_velocity_of_the_current(girona: Robot) -> None:
     environment = Environment(
         seafloor=FlatSeafloor(z=-1000.0), current=UniformCurrent([0.3, -0.2, 0.0])

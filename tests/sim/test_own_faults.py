@@ -23,6 +23,7 @@ def flown(**options: Any) -> Scenario:
     return case1(dt=0.02, duration=3.0, noise=True, **options)
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_up_to_its_onset_and_without_it_a_run_is_the_same() -> None:
     sound = flown().run()

@@ -99,6 +99,7 @@ def test_a_plant_of_ones_own_is_struck_by_the_faults_that_it_says_it_suffers() -
     assert "thrust" in list(same(record, sound))
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_pid_brings_the_vehicle_to_its_way_point() -> None:
     record = replace(flown(duration=30.0), controller=Pid()).run()
@@ -107,6 +108,7 @@ def test_a_pid_brings_the_vehicle_to_its_way_point() -> None:
     assert record["pull"].shape == (len(record), 3)
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_drag_that_nobody_knows_of_costs_thrust_and_stops_the_mission_nowhere() -> None:
     ours = flown(duration=30.0)
@@ -142,6 +144,7 @@ def test_sensors_of_ones_own_are_judged_by_the_monitor() -> None:
     )
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_runs_with_parts_of_ones_own_are_the_same_again_for_the_same_seed_alone() -> None:
     scenario = all_own()
@@ -166,6 +169,7 @@ def test_parts_of_ones_own_go_to_another_process_with_their_scenario() -> None:
         np.testing.assert_array_equal(workers.submit(ran, scenario).result(), expected)
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_records_and_reports_name_the_parts() -> None:
     ours = flown(duration=0.1)
@@ -213,6 +217,7 @@ def a_slowed_mission() -> Scenario:
     return replace(flown(duration=0.5), plant=ExtraDrag(rate=0.1))
 
 
+@pytest.mark.slow
 def test_campaigns_vary_the_numbers_of_parts_of_ones_own() -> None:
     drag = Variation("parts.plant.rate", Uniform(1.0, 2.0))
     design = Design(sampler="random", runs=2, parameters=1, seed=3)

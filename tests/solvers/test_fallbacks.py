@@ -188,6 +188,7 @@ def test_what_the_core_leaves_unsolved_is_solved_and_certified_by_someone_else()
         assert _certificate(levels, solution.v) <= 10.0 * tolerances.CERTIFIED
 
 
+@pytest.mark.slow
 def test_from_where_quadratic_programs_end_it_is_solved_too() -> None:
     """By themselves they leave more than half of it inexact."""
     cascade = LexicographicQp()
@@ -210,6 +211,7 @@ def test_where_velocities_have_limits_the_status_does_not_depend_on_a_compiler()
     assert statuses >= {Status.SOLVED, Status.CASCADED, Status.INEXACT}
 
 
+@pytest.mark.slow
 def test_in_numpy_nearly_all_of_it_is_solved_too() -> None:
     """Where rounding decides whether a bound is proven, it need not decide alike."""
     exact = [NUMPY.solve(levels).status.exact for levels in _left()]

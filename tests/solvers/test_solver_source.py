@@ -40,6 +40,7 @@ CHOICE = {"_GLOBAL_OFFSET_TABLE_", "__cpu_indicator_init", "__cpu_model"}
 """Of the registers to use, when it is loaded."""
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("level", ["-O0", "-O3"])
 @pytest.mark.parametrize(("n", "sizes"), STRUCTURES)
@@ -50,6 +51,7 @@ def test_it_compiles_without_a_warning(
         _compiled(source(n, sizes), tmp_path, level, "-fPIC", "-c")
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm: install binutils")
 def test_it_defines_one_function_and_takes_what_libm_and_memory_calls_give(tmp_path: Path) -> None:
@@ -77,6 +79,7 @@ def test_it_defines_one_function_and_takes_what_libm_and_memory_calls_give(tmp_p
     assert not any(kind in "bdBD" for kind, _ in symbols)  # nothing is kept between calls
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm: install binutils")
 def test_the_solver_of_stages_is_five_functions_that_allocate_nothing(tmp_path: Path) -> None:
@@ -87,6 +90,7 @@ def test_the_solver_of_stages_is_five_functions_that_allocate_nothing(tmp_path: 
     assert needed <= {"sqrt", "memset", "memcpy", "__stack_chk_fail"} | CHOICE
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_it_keeps_its_promises_for_random_numbers_under_the_sanitizers(tmp_path: Path) -> None:
     source = solver_source(5, (5, 2, 3, 1, 5)) + RANDOM_ROWS.read_text()

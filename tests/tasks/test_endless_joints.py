@@ -126,6 +126,7 @@ def test_planned_axes_have_one_number_for_each_joint_and_goals_the_shorter_way(
     )
 
 
+@pytest.mark.slow
 def test_a_record_tells_one_number_for_each_joint_without_jumps(robot: Robot) -> None:
     record = scenario_of(robot, "kinematic").run()
     turned = np.linspace(0.0, 9.0, 40)

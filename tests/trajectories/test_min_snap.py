@@ -52,6 +52,7 @@ def test_uniform_times_of_any_scale_are_continuous_up_to_the_sixth_derivative(un
     assert max(largest_jump(curve, d) for d in range(7)) < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [10, 1000, 100_000])
 def test_neighbouring_ratios_up_to_three_are_continuous_up_to_the_sixth_derivative(n: int) -> None:
     waypoints, times = random_problem(n)

@@ -52,6 +52,7 @@ def test_a_browser_that_goes_in_the_middle_of_a_page_prints_nothing(
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_who_connects_and_asks_nothing_keeps_nobody_out_for_long(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -80,6 +81,7 @@ def test_few_modules_open_sockets() -> None:
     assert "viz/scene/page_server.py" in ports
 
 
+@pytest.mark.slow
 def test_the_processes_of_a_campaign_and_of_a_page_listen_to_this_machine_alone() -> None:
     pytest.importorskip("distributed")
     psutil = pytest.importorskip("psutil")

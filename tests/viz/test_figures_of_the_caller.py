@@ -72,6 +72,7 @@ def test_every_text_can_be_read_on_the_callers_paper(record: Record, look: str) 
             assert _faint(page) == [], draw.__name__
 
 
+@pytest.mark.slow
 def test_every_text_of_our_own_figures_can_be_read(record: Record) -> None:
     assert [word for figure in viz.plot(record) for word in _faint(figure)] == []
 

@@ -154,6 +154,7 @@ def test_only_a_live_page_may_ask_whoever_serves_it(scenario: Scenario) -> None:
     assert "connect-src" not in show(scenario.robot).html.partition("<title>")[0]
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_browser_shows_where_the_robot_has_come_to(chromium: Any, scenario: Scenario) -> None:
     longer = replace(scenario, duration=3.0)
@@ -177,6 +178,7 @@ def test_a_browser_shows_where_the_robot_has_come_to(chromium: Any, scenario: Sc
     assert wrong == []
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_notebook_shows_it_by_its_own_channel(
     chromium: Any, scenario: Scenario, monkeypatch: pytest.MonkeyPatch
@@ -250,6 +252,7 @@ def _other(robot: Robot) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 def test_a_loop_of_ones_own_moves_a_robot_in_the_browser(chromium: Any, robot: Robot) -> None:
     q = _other(robot)
     with live(robot) as view:

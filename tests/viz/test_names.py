@@ -135,6 +135,7 @@ def test_every_figure_draws_every_name_as_it_is(draw: Any, records: list[Record]
         assert not any(text.get_parse_math() for text in figure.findobj(Text))
 
 
+@pytest.mark.slow
 def test_figures_of_two_runs_draw_every_name_as_it_is(records: list[Record]) -> None:
     paths = np.linspace(0.0, 1.0, 6).reshape(2, 3)
     figures = [
@@ -150,6 +151,7 @@ def test_figures_of_two_runs_draw_every_name_as_it_is(records: list[Record]) -> 
         assert not any(text.get_parse_math() for text in figure.findobj(Text))
 
 
+@pytest.mark.slow
 def test_figures_of_a_plan_draw_every_name_as_it_is() -> None:
     record = Record.load(Path(__file__).parents[1] / "records" / "plan_curve_v0_1.npz")
     axes = record.plan_meta.axes

@@ -64,6 +64,7 @@ def test_every_figure_of_a_complete_record_is_written_as_png(
     assert all(path.read_bytes().startswith(_PNG) for path in paths)
 
 
+@pytest.mark.slow
 def test_a_figure_is_written_as_matplotlib_itself_writes_it(record: Record, tmp_path: Path) -> None:
     first = figure_joints(record)
     second = figure_joints(record)
@@ -76,6 +77,7 @@ def test_a_figure_is_written_as_matplotlib_itself_writes_it(record: Record, tmp_
     assert second.get_layout_engine() is not None
 
 
+@pytest.mark.slow
 def test_labels_of_ticks_can_be_read(record: Record) -> None:
     drawn = [figure for draw in FIGURES.values() if (figure := draw(record)) is not None]
     for figure in drawn:
@@ -212,6 +214,7 @@ def test_drawing_leaves_the_settings_of_matplotlib_alone(record: Record) -> None
     assert dict(mpl.rcParams) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "own",
     [
@@ -339,6 +342,7 @@ def test_a_folder_that_is_a_file_is_an_output_error(record: Record, tmp_path: Pa
         write_figures(record, place)
 
 
+@pytest.mark.slow
 def test_every_panel_over_time_marks_where_something_went_wrong() -> None:
     faults = (
         FaultMeta(text="altimeter_range:frozen@2", target="altimeter_range", kind="frozen", t=2.0),

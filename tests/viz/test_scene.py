@@ -131,6 +131,7 @@ def test_the_vehicle_is_animated_through_the_recorded_poses(page: str, record: R
     np.testing.assert_allclose(positions[0]["value"], record["q"][0, :3], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_ten_minutes_keep_the_page_below_three_megabytes(robot: Robot) -> None:
     deep = SURROUNDINGS.model_copy(update={"floor_z": -600.0})
     long = synthetic_record(robot, duration=600.0, dt=0.05, surroundings=deep)

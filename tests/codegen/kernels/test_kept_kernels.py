@@ -161,6 +161,7 @@ def test_other_flags_are_another_library(
     assert len([*(tmp_path / "cache").glob("*.so")]) == 2
 
 
+@pytest.mark.slow
 def test_other_processes_tell_the_same() -> None:
     code = """
 from hashlib import sha256

@@ -102,6 +102,7 @@ def runs() -> dict[str, Record]:
     return {name: replace(plain, load=load).run() for name, load in kinds.items()}
 
 
+@pytest.mark.slow
 def test_learning_alone_changes_nothing_of_the_run(runs: dict[str, Record]) -> None:
     for name in ("q", "thrust", "torque", "disturbance"):
         np.testing.assert_array_equal(runs["learnt"][name], runs["none"][name])

@@ -44,6 +44,7 @@ def _robot() -> Robot:
     return load_robot("girona_maris7")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sways", [False, True])
 @pytest.mark.parametrize(("channel", "rate"), DRIFTS)
 def test_a_drift_along_z_is_blamed_on_the_channel_that_drifts(

@@ -57,6 +57,7 @@ def test_a_defect_is_seen_soon_named_and_over_when_it_is_over(
     assert any(text.startswith(f"{name} good again") for text in texts)
 
 
+@pytest.mark.slow
 def test_a_defect_leaves_the_estimate_finite_and_the_others_flowing(
     case: tuple[str, str, HealthRun],
 ) -> None:

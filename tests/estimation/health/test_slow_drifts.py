@@ -93,6 +93,7 @@ RATES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sways", [False, True])
 @pytest.mark.parametrize("kind", RATES)
 def test_sound_encoders_and_rates_are_believed(kind: str, sways: bool, robot: Robot) -> None:

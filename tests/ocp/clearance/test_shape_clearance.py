@@ -241,6 +241,7 @@ WAYS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", ["ipopt", "stagewise"])
 @pytest.mark.parametrize("way", WAYS)
 def test_a_plan_keeps_its_margin_between_nodes_too_and_says_what_coal_says(
@@ -269,6 +270,7 @@ def least(term: ShapeClearance, path: Trajectory) -> float:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_steps", [4, 8])
 @pytest.mark.parametrize("way", WAYS)
 def test_a_plan_is_called_solved_only_where_it_keeps_its_margin_between_nodes(
@@ -385,6 +387,7 @@ def test_links_of_one_robot_stay_apart() -> None:
     assert kept.certified_free
 
 
+@pytest.mark.slow
 def test_a_soft_level_gives_way_to_what_is_above_and_yields_to_nothing_below() -> None:
     problem, term = planar_problem(WAYS["ball"], margin=0.3)
     without = OcpLevel(name="effort", terms=(Effort(),))
@@ -398,6 +401,7 @@ def test_a_soft_level_gives_way_to_what_is_above_and_yields_to_nothing_below() -
     assert least(term, wide.trajectory) > least(term, narrow.trajectory) + 0.05
 
 
+@pytest.mark.slow
 def test_an_obstacle_that_moves_is_where_it_is_at_the_time_of_the_node() -> None:
     problem, term = planar_problem([obstacle("ball", coal.Sphere(0.3), [2.0, 9.0, 0.0])])
     still = Planner(problem, NlpOptions(time_limit=600.0)).plan()

@@ -39,6 +39,7 @@ def _sound(request: pytest.FixtureRequest) -> tuple[Scenario, Record]:
     return scenario, scenario.run()
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_runs_are_the_same_to_the_last_bit_until_the_onset(sound: tuple[Scenario, Record]) -> None:
     scenario, before = sound

@@ -229,6 +229,7 @@ def test_a_jam_that_stops_a_moving_joint_keeps_all_other_momenta_and_takes_energ
     assert dynamics.kinetic_energy(q, plant.state.v) < dynamics.kinetic_energy(q, v)
 
 
+@pytest.mark.slow
 def test_the_energy_of_an_unforced_robot_with_a_jammed_joint_never_rises(robot: Robot) -> None:
     rises = []
     for step in (4e-3, 1e-3):
