@@ -130,3 +130,16 @@ def drifting(channel: str, rate: np.ndarray | float, onset: float) -> Spoil:
         return Readings(**fields)
 
     return spoil
+
+
+def drifting_until(channel: str, rate: np.ndarray | float, onset: float, end: float) -> Spoil:
+    """A channel that drifts, as `drifting` does, and is right again from the end [s] on."""
+    drift = drifting(channel, rate, onset)
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        reading = getattr(readings, channel)
+        if reading is None or reading.t >= end:
+            return readings
+        return drift(readings, t)
+
+    return spoil

@@ -290,8 +290,14 @@ def update_trust(health: HealthMemory, channel: ChannelMemory) -> bool:
         is_early = trust == Trust.SUSPECT and _is_height_open(health, channel.number)
         if is_early or is_vouched_for(health, channel.number):
             trust = int(Trust.GOOD)
-        elif _is_suspect(health, channel.rival) or _is_suspect(health, channel.other_rival):
+        elif (
+            _is_suspect(health, channel.rival)
+            or _is_suspect(health, channel.other_rival)
+            or (is_turned_by_attitude(channel.number) and is_attitude_doubted(health))
+        ):
             trust = min(trust, int(Trust.SUSPECT))
+    elif _is_disputed(health, channel):
+        trust = min(trust, int(Trust.SUSPECT))
     if trust != Trust.GOOD:
         _be_silent(channel, quiet, health.t, trust != channel.trust)
     elif health.t - channel.bad_at <= health.clean:
@@ -299,6 +305,8 @@ def update_trust(health: HealthMemory, channel: ChannelMemory) -> bool:
     else:
         channel.complaint.code = Reason.NONE
     channel.changed = trust != channel.trust
+    if channel.number == ChannelIndex.ATTITUDE and channel.changed and trust == Trust.GOOD:
+        redundancy.forget_ways(health.velocity)
     if channel.trust == Trust.GOOD and channel.changed:
         channel.shift = 0.0
     channel.trust = trust
@@ -331,6 +339,24 @@ def is_vouched_for(health: HealthMemory, number: int) -> bool:
     if is_of_height and culprit >= 0:
         return number != culprit
     return number == ChannelIndex.DEPTH and 0.0 <= health.heights.fixes_and_depths < _AGREES
+
+
+def _is_disputed(health: HealthMemory, channel: ChannelMemory) -> bool:
+    """Return whether a DVL is not used as it may be the one that disagrees with fixes, or they."""
+    is_unused = is_excluded(channel, health.t)
+    is_velocity = channel.number == ChannelIndex.LINEAR_VELOCITY
+    return is_velocity and is_unused and _is_suspect(health, channel.rival)
+
+
+def is_attitude_doubted(health: HealthMemory) -> bool:
+    """Return whether the attitude may be wrong, and with it all that it turns into W."""
+    attitude = health.channels[ChannelIndex.ATTITUDE]
+    return attitude.present and attitude.trust != Trust.GOOD
+
+
+def is_turned_by_attitude(number: int) -> bool:
+    """Return whether a channel tells of W by the attitude alone."""
+    return number == ChannelIndex.LINEAR_VELOCITY or number == ChannelIndex.ALTIMETER_RANGE
 
 
 def _is_height_open(health: HealthMemory, number: int) -> bool:

@@ -39,6 +39,7 @@ _DISPUTED = 0.25
 _DOUBTFUL = 0.4
 _DRIFTS = 0.6
 _AGREES_AGAIN = 0.2
+_UNDONE = 0.5  # share of what a fix is off the estimate by
 _AT_ONCE = 0.8  # of a difference, which comes with one reading
 _CLEAR = 2.0
 _CLEAR_BY = 0.2
@@ -183,6 +184,10 @@ class VelocityAgainstPosition(Layout):
     """Depths over that longer time, along z alone."""
     quick_depth: DriftWindow
     """Depths over a few seconds."""
+    before: Annotated[Vector, Sized(3)]
+    """(3,) [m] difference of fixes from the way in W before they began to drift apart."""
+    drifted_t: float
+    """[s] when they did so for the last time; -inf where `before` is not known."""
 
 
 class RateAgainstAttitude(Layout):
@@ -198,6 +203,8 @@ class RateAgainstAttitude(Layout):
     """(3,) [rad/s] last rate in B."""
     slow_tolerance: float
     """[rad/s] largest drift without a fault, over a longer time."""
+    slow_noise: float
+    """[rad] that two attitudes differ by at most by noise."""
     offsets: SampleRing
     """Difference of attitudes from the integrated rate: constant in B where both turn alike."""
     slow_offsets: SampleRing
@@ -324,7 +331,8 @@ def init_comparisons(
         window.share = _OBLIQUE
         window.noise = sigma
     rate.tolerance = _TURN + _SIGMAS * turn / _TURN_SPAN
-    rate.slow_tolerance = _SLOW_TURN + bias["angular_velocity"] + _SIGMAS * turn / _LONG_SPAN
+    rate.slow_tolerance = _SLOW_TURN + bias["angular_velocity"]
+    rate.slow_noise = _SIGMAS * turn
     depth.tolerance = _DEPTH + _SIGMAS * math.hypot(fix, noise["depth"]) * math.sqrt(
         1.0 / _FIRST + 1.0 / _LAST
     )
@@ -332,6 +340,7 @@ def init_comparisons(
     encoder.noise = _SIGMAS * math.sqrt(2.0) * noise["joint_positions"]
     depth.ratio = -1.0
     rate.step_t = rate.disagreed_t = -math.inf
+    velocity.drifted_t = -math.inf
     velocity.t = rate.t = depth.t = encoder.t = encoder.newer_t = -math.inf
     encoder.position_t = encoder.position_before_t = -math.inf
     rate.turn[3] = 1.0
@@ -342,9 +351,9 @@ def update_velocity(comparison: VelocityAgainstPosition, v_W: Vector, t: float) 
     dt = t - comparison.t
     is_connected = 0.0 <= dt <= _BLIND
     if not is_connected:
-        comparison.quick.samples.count = comparison.slow.samples.count = 0
-        comparison.depth.samples.count = comparison.quick_depth.samples.count = 0
+        forget_ways(comparison)
         comparison.ways.count = 0
+        comparison.drifted_t = -math.inf
     squared = 0.0
     for i in range(3):
         step = 0.5 * dt * (v_W[i] + comparison.velocity[i]) if is_connected else 0.0
@@ -354,6 +363,12 @@ def update_velocity(comparison: VelocityAgainstPosition, v_W: Vector, t: float) 
     comparison.way[3] += math.sqrt(squared)
     comparison.t = t
     append_value(comparison.ways, t, comparison.way, 4)
+
+
+def forget_ways(comparison: VelocityAgainstPosition) -> None:
+    """Begin all comparisons with the DVL anew."""
+    comparison.quick.samples.count = comparison.slow.samples.count = 0
+    comparison.depth.samples.count = comparison.quick_depth.samples.count = 0
 
 
 def compare_place(comparison: VelocityAgainstPosition, value: Vector, t: float, first: int) -> bool:
@@ -383,6 +398,31 @@ def compare_place(comparison: VelocityAgainstPosition, value: Vector, t: float, 
         _append_offset(comparison.depth, offset, t, is_comparable)
         _forget_what_is_over(comparison.depth, comparison.quick_depth, first)
     return is_comparable
+
+
+def note_drift(comparison: VelocityAgainstPosition, t: float) -> None:
+    """Note that fixes and the DVL drift apart at time t [s], and what they differed by before."""
+    samples = comparison.slow.samples
+    if samples.count == 0:
+        return
+    if t - comparison.drifted_t > _LONG_SPAN:
+        for i in range(3):
+            comparison.before[i] = median_of(samples, i, 0, max(samples.count // 3, 1))
+    comparison.drifted_t = t
+
+
+def undoes_drift(comparison: VelocityAgainstPosition, value: Vector, off: float, t: float) -> bool:
+    """Return whether a fix (3,) [m] in W at time t [s], which is off the estimate by off [m], is where
+    the DVL has gone since before the two drifted apart: then fixes drifted, and do no more.
+    """
+    is_known = 0.0 <= t - comparison.drifted_t <= _LONG_SPAN and comparison.ways.count > 0
+    if not (is_known and abs(t - comparison.t) <= _GAP):
+        return False
+    squared = 0.0
+    for i in range(3):
+        rest = value[i] - _way_at(comparison, i, t) - comparison.before[i]
+        squared += rest * rest
+    return math.sqrt(squared) <= _UNDONE * off
 
 
 def _forget_what_is_over(slow: DriftWindow, quick: DriftWindow, first: int) -> None:
@@ -494,10 +534,10 @@ def compare_turns(comparison: RateAgainstAttitude, quaternion: Vector, t: float)
         return
     offset = zeros(4)
     _turn_apart(comparison, quaternion, t, offset)
-    quick = _turn_in(comparison.offsets, offset, t, _TURN_SPAN, _SPACING)
-    slow = _turn_in(comparison.slow_offsets, offset, t, _LONG_SPAN, _LONG_SPACING)
-    if slow > comparison.slow_tolerance:
-        comparison.slow_rate = slow
+    quick = _turn_in(comparison.offsets, offset, t, _TURN_SPAN, _TURN_SPAN, _SPACING)
+    slow = _turn_in(comparison.slow_offsets, offset, t, _LONG_LEAST, _LONG_SPAN, _LONG_SPACING)
+    if slow >= 0.0:
+        comparison.slow_rate = _slow_turn(comparison)
     if 0.0 <= quick < _AGREES_AGAIN * comparison.tolerance:
         comparison.disagreed_t = -math.inf  # what disagrees next may be the other one
     elif quick > comparison.tolerance:
@@ -506,6 +546,23 @@ def compare_turns(comparison: RateAgainstAttitude, quaternion: Vector, t: float)
         if t - comparison.disagreed_t > _GAP:
             comparison.culprit = _culprit_of_turn(comparison)
         comparison.disagreed_t = t
+
+
+def _slow_turn(comparison: RateAgainstAttitude) -> float:
+    """Return the rate [rad/s] at which attitudes have turned apart from the gyro since any of the
+    offsets that are old enough; 0 where it is within what is allowed, since all of them.
+    """
+    samples = comparison.slow_offsets
+    last = ring_slot(samples, samples.count - 1)
+    fastest = 0.0
+    for k in range(samples.count):
+        span = samples.t[last] - time_at(samples, k)
+        if span < _LONG_LEAST - 1e-6:
+            break
+        turned = angle_between(samples.value[ring_slot(samples, k)], samples.value[last])
+        if turned > comparison.slow_tolerance * span + comparison.slow_noise:
+            fastest = max(fastest, turned / span)
+    return fastest
 
 
 def _culprit_of_turn(comparison: RateAgainstAttitude) -> int:
@@ -541,19 +598,20 @@ def _turn_in(
     samples: SampleRing,
     offset: Vector,
     t: float,
-    shortest_span: float,
+    least: float,
+    longest: float,
     spacing: float,
 ) -> float:
-    """Return the rate [rad/s] at which offsets turn over `shortest_span` [s] or longer; -1 before,
-    and for an offset that comes within `spacing` [s] of the last.
+    """Return the rate [rad/s] at which offsets turn over a span of least [s] to longest [s]; -1
+    before, and for an offset that comes within `spacing` [s] of the last.
     """
     if samples.count > 0 and t - time_at(samples, samples.count - 1) < spacing:
         return -1.0
     append_value(samples, t, offset, 4)
-    while span_of(samples) > shortest_span + spacing:
+    while span_of(samples) > longest + spacing:
         drop_oldest(samples)
     span = span_of(samples)
-    if span < shortest_span - 1e-6:
+    if span < least - 1e-6:
         return -1.0
     return (
         angle_between(

@@ -19,6 +19,7 @@ from uvms_ocp.estimation.health.channel_state import (
     ScreeningResult,
     culprit_of_height,
     exclude,
+    is_attitude_doubted,
     is_vouched_for,
     suspect,
     undoes_jump,
@@ -61,6 +62,19 @@ def screen_reading(health: HealthMemory, channel: ChannelMemory, slot: int) -> N
 def is_empty(channel: ChannelMemory) -> bool:
     """Return whether the newest reading is an echo that did not come back."""
     return channel.number == ChannelIndex.ALTIMETER_RANGE and math.isnan(channel.value[0])
+
+
+def has_nothing_to_tell(health: HealthMemory, channel: ChannelMemory, slot: int) -> bool:
+    """Return whether the newest reading is an echo that did not come back, or one along a beam that
+    lies too flat to tell of a height; slot of the estimate of its time, -1 for none.
+    """
+    if channel.number != ChannelIndex.ALTIMETER_RANGE:
+        return False
+    up = zeros(3)
+    if slot >= 0:
+        estimate = health.history.kept[slot]
+        plausibility.rotate(estimate.q, estimate.beam_up, up)
+    return is_empty(channel) or (slot >= 0 and up[2] <= kinematics.STEEP)
 
 
 def _means_nothing(health: HealthMemory, channel: ChannelMemory, why: Complaint) -> bool:
@@ -130,10 +144,12 @@ def _agrees(
         growth -= 0.5 * gate.base
     allowed = gate.base + growth + moved
     plausibility.offset_of(gate, channel.value, estimate, channel.offset)
+    is_back = _undoes_drift(health, channel, error)
     if not (
         error <= allowed
         or _goes_on(channel)
         or undoes_jump(channel)
+        or is_back
         or _turns_with_gyro(health, channel)
         or _are_seen(health, channel, estimate, allowed)
     ):
@@ -171,6 +187,18 @@ def _goes_on(channel: ChannelMemory) -> bool:
         and plausibility.distance(channel.gate, channel.value, channel.used_value)
         <= channel.gate.base
     )
+
+
+def _undoes_drift(health: HealthMemory, channel: ChannelMemory, off: float) -> bool:
+    """Return whether fixes are back from where they had drifted to; comparisons then begin anew, as
+    the way back is no drift of the DVL.
+    """
+    if channel.number != ChannelIndex.POSITION:
+        return False
+    if not redundancy.undoes_drift(health.velocity, channel.value, off, channel.stamp):
+        return False
+    redundancy.forget_ways(health.velocity)
+    return True
 
 
 def _turns_with_gyro(health: HealthMemory, channel: ChannelMemory) -> bool:
@@ -235,7 +263,7 @@ def _is_floor(
     at = zeros(3)
     plausibility.rotate(estimate.q, estimate.beam_up, up)
     plausibility.rotate(estimate.q, estimate.beam_at, at)
-    if up[2] <= kinematics.STEEP:
+    if up[2] <= kinematics.STEEP or is_attitude_doubted(health):
         return True
     _place(health.floor.here, channel, estimate, up, at)
     return floor.accept_echo(health.floor, why)
@@ -328,7 +356,11 @@ def _compare_fix(
     by = redundancy.depth_difference(health.depth, channel.value[2], v_W[2], channel.stamp)
     _find_culprit(health)
     culprit = culprit_of_height(health)
-    if is_comparable and quick > 0.0:
+    if quick > 0.0 or slow > 0.0:
+        redundancy.note_drift(health.velocity, channel.stamp)
+    if _explains_drift(health):
+        _blame_attitude(health, why, max(quick, slow))
+    elif is_comparable and quick > 0.0:
         set_complaint(why, Reason.DRIFT, quick, 0.0)
         _blame_quick_drift(health, channel, velocity, why, slow)
     elif is_comparable and slow > 0.0:
@@ -348,7 +380,8 @@ def _find_culprit(health: HealthMemory) -> None:
     """Find which channel height is wrong by; what was found is remembered for a while."""
     redundancy.compare_heights(health.heights, health.velocity, health.depth)
     culprit = redundancy.culprit_of(health.heights)
-    if culprit == redundancy.Culprit.UNKNOWN:
+    is_by_attitude = culprit == redundancy.Culprit.VELOCITY and _explains_drift(health)
+    if culprit == redundancy.Culprit.UNKNOWN or is_by_attitude:
         return
     health.blamed_at = health.t
     if culprit == redundancy.Culprit.FIXES:
@@ -357,6 +390,26 @@ def _find_culprit(health: HealthMemory) -> None:
         health.culprit = int(ChannelIndex.DEPTH)
     else:
         health.culprit = int(ChannelIndex.LINEAR_VELOCITY)
+
+
+def _explains_drift(health: HealthMemory) -> bool:
+    """Return whether the attitude is in doubt, and the DVL did not drift before it was: then the one
+    explains what ways that it turns into W do.
+    """
+    velocity = health.channels[ChannelIndex.LINEAR_VELOCITY]
+    code = velocity.complaint.code
+    is_drift = code == Reason.DRIFT or code == Reason.DEPTH_DRIFT
+    is_adrift = velocity.trust != signals.Trust.GOOD and is_drift
+    return is_attitude_doubted(health) and not is_adrift
+
+
+def _blame_attitude(health: HealthMemory, why: Complaint, drift: float) -> None:
+    """Go on doubting the attitude where ways that it turns into W drift from fixes by so much
+    [m/s].
+    """
+    if drift > 0.0:
+        set_complaint(why, Reason.DRIFT, drift, 0.0)
+        suspect(health.channels[ChannelIndex.ATTITUDE], why, health.t)
 
 
 def _blame_quick_drift(
@@ -410,7 +463,9 @@ def _compare_depth(health: HealthMemory, channel: ChannelMemory, why: Complaint)
         rate = 0.0
     if rate > 0.0:
         set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
-        if not health.channels[ChannelIndex.POSITION].present:
+        if _explains_drift(health):
+            _blame_attitude(health, why, rate)
+        elif not health.channels[ChannelIndex.POSITION].present:
             suspect(channel, why, health.t)
         elif culprit_of_height(health) == ChannelIndex.LINEAR_VELOCITY:
             suspect(health.channels[ChannelIndex.LINEAR_VELOCITY], why, health.t)
