@@ -55,14 +55,14 @@ class Claim:
     """The benchmark that measures both, one after the other, on one machine."""
     ours: Cell
     peer: str
-    """Name of the peer, and how its problem differs."""
+    """Name of the peer; README tells below the table how its problem differs."""
     theirs: Cell
 
     def line(self) -> str:
         """A row of the table."""
         ours = f"{_digits(self.ours.read(self.script))} {self.unit}"
         theirs = f"{_digits(self.theirs.read(self.script))} {self.unit}"
-        return f"| {self.label} | {ours} | {theirs}: {self.peer} | `{self.script}.md` |"
+        return f"| {self.label} | {ours} | {self.peer} | {theirs} | `{self.script}.md` |"
 
 
 def _processor_time(**where: str) -> Cell:
@@ -73,23 +73,23 @@ def _processor_time(**where: str) -> Cell:
 _STAGEWISE = "Gauss-Newton, 1e-06, compiled"
 CLAIMS = (
     Claim(
-        label="one tick of Case 1, kinematics and solver, from Python",
+        label="a tick of Case 1: kinematics and solver",
         unit="us",
         script="hierarchy",
         ours=Cell(where={"problem": "whole tick", "solver": "active set in C"}, column="p50_us"),
-        peer="pink with quadprog; weights in place of strict levels",
+        peer="pink with quadprog",
         theirs=Cell(
             where={"problem": "whole tick", "solver": "pink (quadprog), weights"}, column="p50_us"
         ),
     ),
     Claim(
-        label="strict levels of inequalities and equalities, 80 unknowns, 253 rows, from Python",
+        label="strict levels, 80 unknowns, 253 rows",
         unit="us",
         script="hierarchy",
         ours=Cell(
             where={"problem": "random, grown, n=80", "solver": "active set in C"}, column="p50_us"
         ),
-        peer="LexLS, in C++, the public solver of such hierarchies",
+        peer="LexLS",
         theirs=Cell(
             where={"problem": "random, grown, n=80", "solver": "LexLS, native"}, column="p50_us"
         ),
@@ -108,27 +108,27 @@ CLAIMS = (
         ),
     ),
     Claim(
-        label="optimal control, 13 degrees of freedom, 40 steps, no limits",
+        label="optimal control without limits",
         unit="ms",
         script="ocp_peers",
         ours=_processor_time(
             problem="shooting, N = 40", solver="uvms_ocp stagewise", setting=_STAGEWISE
         ),
-        peer="crocoddyl, to the same cost; it has no hard limits",
+        peer="crocoddyl",
         theirs=_processor_time(problem="shooting, N = 40", solver="crocoddyl FDDP"),
     ),
     Claim(
-        label="the same within hard limits on velocities, torques and positions",
+        label="optimal control within hard limits",
         unit="ms",
         script="ocp_peers",
         ours=_processor_time(
             problem="limited, N = 40", solver="uvms_ocp stagewise", setting=_STAGEWISE
         ),
-        peer="mim-solvers, which has not converged by then",
+        peer="mim-solvers",
         theirs=_processor_time(problem="limited, N = 40", solver="mim-solvers CSQP"),
     ),
     Claim(
-        label="quickest motion of an arm, within 0.2 % of the known answer",
+        label="quickest motion of an arm",
         unit="ms",
         script="ocp_peers",
         ours=_processor_time(
@@ -136,7 +136,7 @@ CLAIMS = (
             solver="uvms_ocp stagewise",
             setting="N = 20, exact, 1e-06, compiled",
         ),
-        peer="Drake with SNOPT; it has no forces there",
+        peer="Drake with SNOPT",
         theirs=_processor_time(
             problem="quickest", solver="Drake KTO", setting="SNOPT, 24 control points"
         ),
@@ -147,8 +147,10 @@ SCRIPTS = tuple(dict.fromkeys(claim.script for claim in CLAIMS))
 
 def table() -> str:
     """All claims in Markdown."""
-    head = "| what, measured | uvms_ocp | peer | in `benchmarks/results/` |\n|---|---|---|---|"
-    return "\n".join((head, *(claim.line() for claim in CLAIMS)))
+    columns = ("what, measured", "uvms_ocp", "peer", "peer's time", "in `benchmarks/results/`")
+    head = f"| {' | '.join(columns)} |"
+    rule = "|---" * len(columns) + "|"
+    return "\n".join((head, rule, *(claim.line() for claim in CLAIMS)))
 
 
 def written_into(text: str) -> str:

@@ -25,8 +25,8 @@ ORDER = (
 """Pages of theory in their order: each builds on those before."""
 GUIDE = (
     *("commands_by_example", "your_robot", "your_parts", "python", "your_task"),
-    *("campaigns", "your_variation", "mission_plans", "plans_by_optimal_control", "faults"),
-    *("recordings", "limitations"),
+    *("campaigns", "your_variation", "mission_plans", "plans_by_optimal_control"),
+    *("nmpc_in_your_loop", "faults", "recordings", "limitations"),
 )
 """Pages on how to use it, in their order."""
 
