@@ -477,9 +477,7 @@ class _Way:
 
     @contextmanager
     def at(self, step: str) -> Iterator[None]:
-        """A step; what it raises is a refusal, or a fault of the package. Raises `_End` where
-        nothing can follow.
-        """
+        """A step; what it raises is a refusal, or a fault of the package."""
         self.step = step
         try:
             yield

@@ -1,4 +1,6 @@
-"""Every name that a docstring writes in backticks exists: a reader who follows it finds it."""
+"""Every name that a docstring or a page writes in backticks exists: a reader who follows it finds
+it.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +9,10 @@ import re
 from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
+from pathlib import Path
 
 import package_ast as house
+import pytest
 
 _BACKTICKED = re.compile(r"(?<!`)`([A-Za-z_][\w.]*)(?:\(\))?`(?!`)")
 _WORD = re.compile(r"[A-Za-z_]\w*")
@@ -19,6 +23,17 @@ _CLASS = re.compile(
 )
 _FILE = re.compile(r"\.(yaml|yml|json|toml|csv|npz|py|c|h|html|md|urdf)$")
 _DATA = ("csv", "toml", "c", "h", "yaml")
+_BLOCK = re.compile(r"^```.*?^```$|^ {4}.*?$", re.MULTILINE | re.S)
+_TOP = house.ROOT.parent
+_PAGES = (_TOP / "README.md", _TOP / "CONTRIBUTING.md", *(house.ROOT / "reference").rglob("*.md"))
+_EXAMPLES = {
+    *("TASK.quantity", "NAME_1", "payload2", "payload2.mass", "joint3_position"),  # by number
+    *("left_Controller", "left_controller", "left_controller_step", "left_replay"),  # an export
+    *("vel_x_mm_s", "vx_ref", "HeadingSet", "depth_setpoint", "press_kpa"),  # columns of others
+    *("q_least", "v_mean", "add_subdirectory"),  # made of two words; of CMake
+    *("UVMS_OCP_PEERS", "UVMS_OCP_POOL_RECORDINGS", "UVMS_OCP_DRIVEN_RECORDINGS"),  # benchmarks
+}
+"""Names on pages that stand for a user's own, or that code puts together."""
 
 
 def test_names_in_backticks_exist_in_all_modules() -> None:
@@ -28,6 +43,34 @@ def test_names_in_backticks_exist_in_all_modules() -> None:
         for name in _dead_names(text):
             dead.append(f"{path.relative_to(house.ROOT)}: `{name}`")
     assert not dead, f"{len(dead)} names\n" + "\n".join(dead)
+
+
+@pytest.mark.parametrize("folder", ["tests", "benchmarks"])
+def test_names_in_backticks_exist_in_tests_and_benchmarks(folder: str) -> None:
+    paths = sorted((_TOP / folder).rglob("*.py"))
+    words = set[str]()
+    for path in paths:
+        words |= set(_WORD.findall(_code(path)))
+    dead = []
+    for path in paths:
+        if path.samefile(__file__):  # which has some that are nowhere
+            continue
+        for docstring in path.read_text(encoding="utf-8").split('"""')[1::2]:
+            for name in _BACKTICKED.findall(docstring):
+                if not _exists(name, words):
+                    dead.append(f"{path.relative_to(_TOP)}: `{name}`")
+    assert dead == []
+
+
+@pytest.mark.parametrize("page", _PAGES, ids=lambda page: page.stem)
+def test_names_in_backticks_exist_on_pages(page: Path) -> None:
+    """Or stand in a block of the page, as names of an example do."""
+    text = page.read_text(encoding="utf-8")
+    words = {folder.name for folder in (_TOP / "robots").iterdir()}
+    for block in [*_codes(), *_BLOCK.findall(text)]:
+        words |= set(_WORD.findall(block))
+    names = set(_BACKTICKED.findall(text)) - _EXAMPLES
+    assert [name for name in sorted(names) if not _exists(name, words)] == []
 
 
 def test_names_that_are_nowhere_are_found_in_every_docstring() -> None:
@@ -105,11 +148,13 @@ def _is_library(name: str) -> bool:
 @cache
 def _codes() -> tuple[str, ...]:
     """The code of all modules, without docstrings and comments."""
-    codes = []
-    for path in house.modules():
-        parts = path.read_text(encoding="utf-8").split('"""')
-        codes.append(_COMMENT.sub("", "\n".join(parts[::2])))
-    return tuple(codes)
+    return tuple(_code(path) for path in house.modules())
+
+
+def _code(path: Path) -> str:
+    """The code of a module, without docstrings and comments."""
+    parts = path.read_text(encoding="utf-8").split('"""')
+    return _COMMENT.sub("", "\n".join(parts[::2]))
 
 
 @cache
