@@ -373,6 +373,7 @@ def _plain(annotation: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]
     """
     module, _, name = annotation.rpartition(".")
     if annotation.startswith("Annotated[") and annotation.endswith("]"):
+        # As `typing.get_type_hints` does, which fails where one of many names is not there yet.
         meaning = eval(annotation, scope)
     elif module:
         meaning = getattr(scope.get(module), name, None)

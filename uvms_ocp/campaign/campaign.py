@@ -217,6 +217,8 @@ def _identity(source: Any) -> dict[str, Any]:
     if isinstance(source, CodeSource):
         return source.identity()
     if callable(source):
+        # By the source of the function, so that a folder is not continued by other code of the
+        # same name; where there is none, as of code that was typed in, by its kind alone.
         try:
             text = inspect.getsource(source)
         except (OSError, TypeError):

@@ -159,5 +159,6 @@ def _write(
         loaded = Record.load(record)
     else:
         loaded = record
+    # By name: to import it at the top would load Matplotlib in every command, before anything is run.
     write = getattr(import_module(f"uvms_ocp.viz.{module}"), function)
     write(loaded, *arguments, **options)

@@ -259,7 +259,11 @@ def _documented(layout: type[Layout], prefix: str) -> str:
 
 
 def field_docs(layout: type[Layout]) -> Mapping[str, str]:
-    """Return the docstring of each field of a layout, or of the next one that has one."""
+    """Return the docstring of each field of a layout, or of the next one that has one.
+
+    From the source, as Python keeps docstrings of classes and functions alone; in exported C they
+    are the comments, so that no text is written twice.
+    """
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(layout))).body
     body = list[ast.stmt]()
     if isinstance(definition, ast.ClassDef):

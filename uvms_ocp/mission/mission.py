@@ -406,6 +406,7 @@ def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:
 
 def is_constant(reference: Callable[[float], np.ndarray]) -> bool:
     """Check for a function of `GoalFunctions` that never changes, see `Task.is_constant`."""
+    # It is the bound method `reference` of a task, and the task tells.
     task = getattr(reference, "__self__", None)
     return isinstance(task, Task) and task.is_constant
 

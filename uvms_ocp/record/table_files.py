@@ -20,8 +20,6 @@ VERSION = "1"
 _KEY = b"uvms_ocp"
 CAMPAIGN_EXTRA = '"uvms-ocp[campaign]"'
 """Extra of the package that installs pandas and pyarrow."""
-_NUMBERS = ("is_integer", "is_floating", "is_boolean", "is_timestamp")
-"""Tests of `pyarrow.types`; the type of a column of numbers passes one of them."""
 
 
 def to_dataframe(series: Series, meta: Any) -> Any:
@@ -117,11 +115,12 @@ def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
     """
     from pyarrow import types
 
+    number_tests = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp)
     schema = file.schema_arrow
     for name in columns:
         require_known(f"column of {path.name}", name, schema.names)
         kind = schema.field(name).type
-        if not any(getattr(types, test)(kind) for test in _NUMBERS):
+        if not any(is_number(kind) for is_number in number_tests):
             raise InvalidInput(f"{path}: column {name} holds {str(kind)[:60]}; numbers are read")
     size = 8 * file.metadata.num_rows * len(columns)  # [B]
     file_size = path.stat().st_size  # [B]

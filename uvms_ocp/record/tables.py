@@ -200,7 +200,9 @@ def _columns(name: str, width: int, meta: Any) -> list[str]:
 
 
 def _entries(word: str, meta: Any) -> list[str]:
-    """Return the columns that a word of the table stands for."""
+    """Return the columns that a word of the table stands for: itself, or after ``@`` the names of
+    what metadata lists in the field of that name.
+    """
     if not word.startswith("@"):
         return [word]
     if word == "@entries":

@@ -302,6 +302,8 @@ def compiled_loop(
     """Return the loop of these parts, fresh ones; `None` where one is not the toolkit's, or is to
     ask Python at every tick.
     """
+    # The toolkit's sensors come as the bound method `SensorSuite.read`; a user's own may be any
+    # callable, and have no suite.
     suite: Any = getattr(sensors, "__self__", None)
     plants = {DynamicController: DynamicPlant, KinematicController: KinematicPlant}
     if plants.get(type(controller)) is not type(plant):

@@ -48,5 +48,7 @@ def _signature_of(scenario: Callable[..., Any]) -> Signature:
     return declared_signature.replace(parameters=[*parameters, *shared_parameters])
 
 
+# `help`, completion and the command line read signatures, in which ``**options`` would say nothing:
+# written out in each scenario, a new option would have to be added to all of them.
 for _scenario in _ALL:
     vars(_scenario)["__signature__"] = _signature_of(_scenario)
