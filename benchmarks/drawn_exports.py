@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import shutil
 
-from recording.kept_rows import add_study_options, kept_rows
+from recording.kept_rows import add_study_options, kept_rows, study_report
 from recording.processes import compiled_once
-from recording.report import Report, Row, Table, begin, parser_of
+from recording.report import Row, begin, parser_of
 from recording.rows import column
 from studies.drawn_exports import FUSING, PLAIN, drawn_exports, totals
 
@@ -68,15 +68,7 @@ def main() -> None:
         jobs = arguments.jobs
     with compiled_once() as folder:
         rows = kept_rows(study, arguments.work or folder / "work", jobs, arguments.hours)
-    run.write(
-        Report(
-            name="drawn_exports",
-            title="Drawn controllers in C",
-            prose=prose(rows),
-            tables=[Table(rows=totals(rows))],
-            data={"drawn_exports": rows},
-        )
-    )
+    run.write(study_report(study, "Drawn controllers in C", rows, prose(rows)))
 
 
 if __name__ == "__main__":

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-from recording.kept_rows import add_study_options, kept_rows
+from recording.kept_rows import add_study_options, kept_rows, study_report
 from recording.processes import compiled_once, hide_compiler
-from recording.report import Report, Row, Table, begin, parser_of
+from recording.report import Row, begin, parser_of
 from recording.rows import column, count_where, rows_where
-from studies.drawn_files import REASONS, drawn_files, reason_of, totals
+from studies.drawn_files import REASONS, drawn_files, reason_of
 
 PROSE = """
 {files} files, drawn with seeds from {first} to {last}; one row each in `drawn_files.csv`. A file is
@@ -78,15 +78,7 @@ def main() -> None:
         hide_compiler()
         not_exported = drawn_files(n=files - exports, seed=exports)
         rows += kept_rows(not_exported, work / "files", jobs, arguments.hours)
-    run.write(
-        Report(
-            name="drawn_files",
-            title="Drawn robot files",
-            prose=prose(rows),
-            tables=[Table(rows=totals(rows))],
-            data={"drawn_files": rows},
-        )
-    )
+    run.write(study_report(not_exported, "Drawn robot files", rows, prose(rows)))
 
 
 if __name__ == "__main__":

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from recording.kept_rows import add_study_options, kept_rows
+from recording.kept_rows import add_study_options, kept_rows, study_report
 from recording.processes import compiled_once
-from recording.report import Report, Row, Table, begin, parser_of
+from recording.report import Row, begin, parser_of
 from recording.rows import column, rows_where
 from studies.drawn_robots import (
     BALLAST,
@@ -27,7 +27,6 @@ from studies.drawn_robots import (
     WRONGS,
     drawn_robots,
     reason_of,
-    totals,
 )
 
 PROSE = """
@@ -107,15 +106,7 @@ def main() -> None:
         jobs = arguments.jobs
     with compiled_once() as folder:
         rows = kept_rows(study, arguments.work or folder / "work", jobs, arguments.hours)
-    run.write(
-        Report(
-            name="drawn_robots",
-            title="Drawn robots",
-            prose=prose(rows),
-            tables=[Table(rows=totals(rows))],
-            data={"drawn_robots": rows},
-        )
-    )
+    run.write(study_report(study, "Drawn robots", rows, prose(rows)))
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ COLUMNS = {
 
 
 def rows_of(name: str, scenario: Scenario, folder: Path, level: Sequence[str]) -> Iterator[Row]:
-    """One for every build; level: of optimisation, in place of its own where one is given."""
+    """Yield a row for every build; level: options of optimisation in place of those of the build."""
     export_controller(scenario, folder, NAME)
     for target, (compiler, options, emulator) in TARGETS.items():
         row: Row = {"mission": name, "build": target}
@@ -81,7 +81,7 @@ def rows_of(name: str, scenario: Scenario, folder: Path, level: Sequence[str]) -
 
 
 def built(folder: Path, compiler: str, options: Sequence[str]) -> float:
-    """Time of the processor [s] to build the program ``replay``."""
+    """Build the program ``replay``; return the time of the processor [s]."""
     before = _children()
     for name in GENERATED:
         _call(folder, compiler, *STRICT, "-Wno-unused-parameter", *options, "-c", name)
@@ -92,7 +92,7 @@ def built(folder: Path, compiler: str, options: Sequence[str]) -> float:
 
 
 def replayed(folder: Path, emulator: Sequence[str]) -> dict[str, Any]:
-    """Replay the recorded run by the program, and read what it tells."""
+    """Replay the recorded run by the program, and read the figures that it prints."""
     before = _children()
     process = subprocess.run(
         [*emulator, "./replay", f"{NAME}_recorded.bin"], cwd=folder, capture_output=True, text=True
@@ -114,11 +114,12 @@ def replayed(folder: Path, emulator: Sequence[str]) -> dict[str, Any]:
 
 
 def _call(folder: Path, *words: str) -> None:
+    """Call a program in a folder. Raises `CalledProcessError` where it fails."""
     subprocess.run(words, cwd=folder, check=True, capture_output=True, text=True)
 
 
 def _children() -> float:
-    """Time of the processor [s] of programs that have been called."""
+    """Return the time of the processor [s] of all programs that have ended."""
     used = getrusage(RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 

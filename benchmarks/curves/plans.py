@@ -22,11 +22,11 @@ from uvms_ocp.trajectories.segment_times import MotionLimits
 COAL = "coal"
 CLOSED_FORMS = "closed forms"
 TARGETS = {COAL: ("0.3", "0.6"), CLOSED_FORMS: ("0.15", "")}
-"""[s] of the median and of the largest time."""
+"""[s] targets of the median and of the largest time; empty for none."""
 
 
 def plan_rows(n_scenes: int, solver: str) -> list[Row]:
-    """One run per scene, with distances by coal or in closed form."""
+    """Plan once in each scene, with distances by coal or in closed form; return the figures."""
     robot = load_robot("girona_maris7")
     if solver == CLOSED_FORMS:
         robot = capsule_robot(robot)
@@ -48,6 +48,7 @@ def plan_rows(n_scenes: int, solver: str) -> list[Row]:
 
 
 def _planned(item: Problem, solver: str) -> Timed[CollisionPlan]:
+    """Plan in one scene and take the time."""
     robot = item.scene.coordinates.robot
     limits = MotionLimits(velocity=robot.limits.velocity, acceleration=robot.limits.acceleration)
     distances = ClosedFormDistances(item.scene) if solver == CLOSED_FORMS else None
@@ -83,6 +84,6 @@ def _outcomes(
 
 
 def _collides(item: Problem, plan: CollisionPlan) -> bool:
-    """Ten times denser than the samples of the optimisation."""
+    """Check for collisions at samples ten times denser than those of the optimisation."""
     t = np.linspace(plan.trajectory.start, plan.trajectory.end, 1501)
     return bool(CoalDistances(item.scene).distances(plan.trajectory.evaluate(t)).min() <= 0.0)

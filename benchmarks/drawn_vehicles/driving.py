@@ -28,15 +28,15 @@ from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.thrusters import thruster_matrix
 
 FINE = 0.0025  # [s] step of the simulation
-EVERY = 40  # steps of the simulation between two samples
+EVERY = 40  # number of steps between two samples
 # Standard deviations of the noise of sensors
 VELOCITY = 0.01  # [m/s]
 RATE = 0.01  # [rad/s]
 VERTICAL = 0.005  # [-] of each component of the vertical
 NOISE = Noise(velocity=VELOCITY, rate=RATE, vertical=VERTICAL, process=0.02, start=0.05)
-"""The noise that a search is told of."""
+"""Noise that a search assumes."""
 _HULL = np.array([[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]])
-_WITHOUT_PRIOR = 0.3  # deviation of what is drawn where the declaration has none
+_WITHOUT_PRIOR = 0.3  # standard deviation of drawn unknowns without a prior
 LEARNT: dict[str, ParameterStatus] = {
     "mass": Prior(sigma=0.01),
     "added_mass": Free(),
@@ -49,15 +49,15 @@ LEARNT: dict[str, ParameterStatus] = {
     "delay": Prior(sigma=0.02),
     "velocity_delay": Prior(sigma=0.02),
 }
-"""What is drawn, and learnt again: the vehicle was weighed, in air and in water, and its thrusters
-were tried on a scale.
+"""Numbers that are drawn, and learnt again. Priors are those of a vehicle that was weighed in air and
+in water, and whose thrusters were tried on a scale.
 """
 
 
 def vehicle(
     learnt: Mapping[str, ParameterStatus] = LEARNT, name: str = "bluerov2_alpha5"
 ) -> Vehicle:
-    """A robot of the package without its arm."""
+    """Make the vehicle of a robot of the package without its arm."""
     robot = without_arm(load_robot(name))
     dynamics = robot_dynamics(robot).symbolic
     B = thruster_matrix(robot)
@@ -76,7 +76,7 @@ def vehicle(
 
 
 def limits(auv: Vehicle) -> ExperimentLimits:
-    """Half of what the thrusters give, in a small pool."""
+    """Return the limits of experiments with half of the thrust, in a small pool."""
     thrust = np.tile([-20.0, 20.0], (len(auv.actuators.names), 1))
     return ExperimentLimits(
         thrust=thrust, pool=np.array([[-3.0, -2.0, -1.0], [3.0, 2.0, 1.0]]), slew=100.0
@@ -84,8 +84,8 @@ def limits(auv: Vehicle) -> ExperimentLimits:
 
 
 def drawn(auv: Vehicle, rng: np.random.Generator, n: int) -> np.ndarray:
-    """Unknowns (n, n_p) [as `Unknowns.start`] of other vehicles: of each, one in every n-th of what
-    is believed.
+    """Draw the unknowns (n, n_p) [as `Unknowns.start`] of n vehicles, by a Latin hypercube of their
+    priors.
     """
     sigma = np.where(np.isfinite(auv.shared.sigma), auv.shared.sigma, _WITHOUT_PRIOR)
     places = rng.permuted(np.tile(np.arange(n)[:, None], len(sigma)), axis=0) + rng.uniform(
@@ -108,8 +108,10 @@ def recorded(
     n = round((commands.t[-1] + commands.t[1]) / FINE)
     delay = float(np.asarray(stage.delays(p)[0])[0, 0])
     thrust = ZeroOrderHold(commands).mean(FINE * np.arange(n + 1) - delay)
-    begun = np.asarray(stage.begun(np.repeat(commands.values[:1].T, PAST, axis=1), p)[0]).ravel()
-    x = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6), begun])
+    actuators = np.asarray(
+        stage.begun(np.repeat(commands.values[:1].T, PAST, axis=1), p)[0]
+    ).ravel()
+    x = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6), actuators])
     after = stage.step.mapaccum(n)(
         x, thrust.T, np.zeros((0, n)), np.tile(p[:, None], n), FINE * np.ones((1, n))
     )
@@ -125,6 +127,7 @@ def _seen(
     rng: np.random.Generator,
     name: str,
 ) -> Recording:
+    """Return what noisy sensors record of simulated states (n, n_x)."""
     t = FINE * EVERY * np.arange(len(states))
     y = np.asarray(stage.outputs.map(len(t))(states.T, np.tile(p[:, None], len(t)))[0]).T
     quaternions = states[:, 3:7] + VERTICAL / 2 * rng.normal(size=(len(t), 4))

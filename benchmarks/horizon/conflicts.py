@@ -20,10 +20,10 @@ from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.pose import ToolPosition
 
 N_LINKS = 11
-LINK = 0.1  # [m] length of each
-MARKS = {"shoulder": 3, "elbow": 6, "tool": 11}  # joints from the base to the frame
+LINK = 0.1  # [m] length of each link
+MARKS = {"shoulder": 3, "elbow": 6, "tool": 11}  # number of joints from the base to each frame
 AHEAD = 3.0
-"""[m] from the tool to its goal."""
+"""[m] distance of the goal ahead of the tool."""
 CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
 
 
@@ -32,16 +32,18 @@ class Conflict:
     """A problem with levels of goals and a last level of costs."""
 
     name: str
+    """Name of the conflict, for tables."""
     problem: OcpProblem
+    """Problem with a level for each goal."""
     goals: tuple[tuple[str, np.ndarray], ...]
     """Frame of each level, and the position (3,) [m] in W that it is to reach."""
     best: tuple[float | None, ...]
-    """[m] that a level must keep away from its goal, below those above it; None where it is not
-    known.
+    """[m] smallest distance of each frame from its goal that the levels above leave; None where it is
+    not known.
     """
 
     def errors(self, plan: Plan) -> list[float]:
-        """Distances [m] of the frames from their goals at the end."""
+        """Return the distances [m] of the frames from their goals at the end."""
         model = plan.robot.model
         data = plan.robot.model.createData()
         pin.framesForwardKinematics(model, data, plan.trajectory.q[-1])
@@ -52,8 +54,8 @@ class Conflict:
         return errors
 
     def as_sum(self, weight: float) -> OcpProblem:
-        """One level: residuals of every goal `weight` times those of the next before they are
-        squared, the costs once.
+        """Return the problem with all terms in one level: residuals of every goal weigh `weight`
+        times those of the next, costs once.
         """
         *goals, costs = self.problem.levels
         terms = []
@@ -64,22 +66,22 @@ class Conflict:
 
 
 def arm(n_steps: int = 20) -> Conflict:
-    """11 joints in a plane: the tool can reach its goal, then elbow and shoulder are in each
-    other's way.
+    """Make the conflict of an arm with 11 joints in a plane: once the tool is at its goal, elbow and
+    shoulder cannot both reach theirs.
 
     The elbow gets as near to its goal as a straight forearm from the tool allows, the shoulder as
-    near as a straight upper arm from that elbow does.
+    near as a straight upper arm from that elbow.
     """
     tool = np.array([0.9, 0, 0])
     elbow = np.array([0, 0.6, 0])
     shoulder = np.array([-0.3, 0, 0])
     forearm = LINK * (MARKS["tool"] - MARKS["elbow"])
     upper = LINK * (MARKS["elbow"] - MARKS["shoulder"])
-    elbow_there = tool + forearm * (elbow - tool) / np.linalg.norm(elbow - tool)
+    nearest_elbow = tool + forearm * (elbow - tool) / np.linalg.norm(elbow - tool)
     best = (
         0.0,
         float(np.linalg.norm(elbow - tool) - forearm),
-        float(np.linalg.norm(shoulder - elbow_there) - upper),
+        float(np.linalg.norm(shoulder - nearest_elbow) - upper),
     )
     robot = chain()
     problem = single_phase(
@@ -105,8 +107,8 @@ def arm(n_steps: int = 20) -> Conflict:
 
 
 def vehicle(n_steps: int = 20) -> Conflict:
-    """13 DoF in water: the vehicle is to stay, the tool to reach a point that needs the vehicle,
-    both cost effort.
+    """Make the conflict of a vehicle of 13 DoF in water that is to stay, while its tool is to reach a
+    point which needs the vehicle to move; both cost effort.
     """
     problem = tool_reach(n_steps)
     start = Kinematics(problem.robot, problem.start.q)
@@ -134,7 +136,7 @@ def chain() -> Robot:
 
 
 def _mark(name: str, i: int) -> str:
-    """A frame at the end of a link."""
+    """Write a frame at the end of a link."""
     return (
         f'<link name="{name}"/><joint name="{name}_mount" type="fixed"><parent link="link{i}"/>'
         f'<child link="{name}"/><origin xyz="{LINK} 0 0"/></joint>'
@@ -142,6 +144,7 @@ def _mark(name: str, i: int) -> str:
 
 
 def _link(i: int) -> str:
+    """Write a link with the joint before it."""
     offset = LINK if i > 1 else 0.0
     return (
         f'<link name="link{i}"><inertial><origin xyz="{LINK / 2} 0 0"/><mass value="0.5"/><inertia'
@@ -153,5 +156,6 @@ def _link(i: int) -> str:
 
 
 def _goal(name: str, frame: str, position: np.ndarray) -> OcpLevel:
+    """Make a level in which a frame reaches a position (3,) [m]."""
     task = ToolPosition(name=name, frame=frame, goal=pin.SE3(np.eye(3), position))
     return OcpLevel(name=name, terms=(TaskTerm(task=task),))

@@ -29,16 +29,19 @@ class Kind:
     """A way to spoil a recording."""
 
     group: str
+    """Group of ways, in tables."""
     how: str
+    """Description of the way."""
     channel: str
     """Name of the channel that is wrong."""
     meant: tuple[str, ...]
-    """Patterns of the doubts that are to say so."""
+    """Patterns of the doubts that are to find it."""
     spoil: Spoil
+    """Function that spoils a recording."""
 
 
 def _change(name: str, change: Callable[[Channel, Rng], Channel]) -> Spoil:
-    """A recording with a channel changed."""
+    """Make a way that changes a channel."""
 
     def spoil(recording: Recording, rng: Rng) -> Recording:
         return _with_channel(recording, name, change(recording.channels[name], rng))
@@ -51,15 +54,17 @@ def _with_channel(recording: Recording, name: str, channel: Channel) -> Recordin
 
 
 def _values(name: str, change: Callable[[np.ndarray, Rng], np.ndarray]) -> Spoil:
+    """Make a way that changes the values of a channel."""
     return _change(name, lambda channel, rng: replace(channel, values=change(channel.values, rng)))
 
 
 def _times(name: str, change: Callable[[np.ndarray, Rng], np.ndarray]) -> Spoil:
+    """Make a way that changes the times of a channel."""
     return _change(name, lambda channel, rng: replace(channel, t=change(channel.t, rng)))
 
 
 def _without(spoil: Spoil, *names: str) -> Spoil:
-    """Spoil a recording that does not have some channels."""
+    """Make a way that spoils a recording after some channels were left out."""
 
     def spoil_others(recording: Recording, rng: Rng) -> Recording:
         channels = {}
@@ -76,7 +81,7 @@ def _scaled(factor: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
 
 
 def _exchanged(width: int, first: int = 0) -> Callable[[np.ndarray, Rng], np.ndarray]:
-    """Two of some columns change places."""
+    """Make a change that exchanges two of `width` columns from `first` on."""
 
     def change(values: np.ndarray, rng: Rng) -> np.ndarray:
         order = np.arange(values.shape[1])
@@ -88,20 +93,24 @@ def _exchanged(width: int, first: int = 0) -> Callable[[np.ndarray, Rng], np.nda
 
 
 def _flipped(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Reverse the sign of one column."""
     return values * np.where(np.arange(values.shape[1]) == rng.integers(values.shape[1]), -1.0, 1.0)
 
 
 def _with_one_dead(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Set one column to 0."""
     return values * (np.arange(values.shape[1]) != rng.integers(values.shape[1]))
 
 
 def _saturated(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Clip all columns to 0.3 to 0.7 of their ranges."""
     middle = np.median(values, axis=0)
     largest = np.abs(middle) + rng.uniform(0.3, 0.7) * np.abs(values - middle).max(axis=0)
     return np.clip(values, -largest, largest)
 
 
 def _stuck(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Repeat one row 30 to 200 times."""
     first = int(rng.integers(100, 300))
     n = int(rng.integers(30, 200))
     return np.vstack([values[:first], np.tile(values[first], (n, 1)), values[first + n :]])
@@ -110,7 +119,7 @@ def _stuck(values: np.ndarray, rng: Rng) -> np.ndarray:
 def _sometimes(
     value: float, least_share: float, largest_share: float, spread: float = 0.0
 ) -> Callable[[np.ndarray, Rng], np.ndarray]:
-    """A value, or one drawn beside it, in a share of all samples."""
+    """Make a change that puts a value, or one up to `spread` above it, in a share of all samples."""
 
     def change(values: np.ndarray, rng: Rng) -> np.ndarray:
         lost = rng.uniform(size=(len(values), 1)) < rng.uniform(least_share, largest_share)
@@ -122,7 +131,9 @@ def _sometimes(
 def _turned(
     world: Sequence[float], body: Sequence[float]
 ) -> Callable[[np.ndarray, Rng], np.ndarray]:
-    """Attitudes between quaternions x, y, z, w of other axes."""
+    """Make a change of attitudes to those of other axes of world and body, by quaternions x, y, z,
+    w.
+    """
     from scipy.spatial.transform import Rotation
 
     def change(values: np.ndarray, _: Rng) -> np.ndarray:
@@ -133,6 +144,7 @@ def _turned(
 
 
 def _heading(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Turn the heading by 30 to 60 deg."""
     angle = np.deg2rad(rng.uniform(30.0, 60.0)) * rng.choice([-1.0, 1.0])
     about_z = (0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2))
     turn = _turned(about_z, (0.0, 0.0, 0.0, 1.0))
@@ -140,6 +152,7 @@ def _heading(values: np.ndarray, rng: Rng) -> np.ndarray:
 
 
 def _slightly_turned(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Turn the heading by 4 to 20 deg."""
     angle = np.deg2rad(rng.uniform(4.0, 20.0)) * rng.choice([-1.0, 1.0])
     turn = _turned((0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)), (0.0, 0.0, 0.0, 1.0))
     return turn(values, rng)
@@ -174,6 +187,7 @@ def _from_air(values: np.ndarray, _: Rng) -> np.ndarray:
 
 
 def _from_a_lever(recording: Recording, rng: Rng) -> Recording:
+    """Measure the velocity 0.08 to 0.4 m away from the origin of the body."""
     velocity = recording.channels["linear_velocity"]
     rate = recording.channels["angular_velocity"]
     turning = interpolated(velocity.t, rate.t, rate.values)
@@ -184,6 +198,7 @@ def _from_a_lever(recording: Recording, rng: Rng) -> Recording:
 
 
 def _in_world(recording: Recording, _: Rng) -> Recording:
+    """Express the velocity in W."""
     velocity = recording.channels["linear_velocity"]
     R = rotations(recording.channels["attitude"], velocity.t)
     values = np.einsum("nij,nj->ni", R, velocity.values)
@@ -191,19 +206,21 @@ def _in_world(recording: Recording, _: Rng) -> Recording:
 
 
 def _ungravitated(recording: Recording, _: Rng) -> Recording:
+    """Take gravity out of the specific force."""
     force = recording.channels["specific_force"]
     values = force.values - 9.81 * rotations(recording.channels["attitude"], force.t)[:, 2]
     return _with_channel(recording, "specific_force", replace(force, values=values))
 
 
 def _lost(channel: Channel, rng: Rng) -> Channel:
-    """For a while."""
+    """Lose the samples of 1.5 to 6 s."""
     first = rng.uniform(15.0, 40.0)
     is_kept = (channel.t < first) | (channel.t > first + rng.uniform(1.5, 6.0))
     return replace(channel, t=channel.t[is_kept], values=channel.values[is_kept])
 
 
 def _silent(recording: Recording, rng: Rng) -> Recording:
+    """Lose the samples of all channels for 3 to 10 s."""
     first = rng.uniform(15.0, 30.0)
     last = first + rng.uniform(3.0, 10.0)
     channels = {}
@@ -214,12 +231,14 @@ def _silent(recording: Recording, rng: Rng) -> Recording:
 
 
 def _bursts(t: np.ndarray, rng: Rng) -> np.ndarray:
+    """Deliver samples in bursts of 4 to 8."""
     period = float(np.median(np.diff(t))) * rng.integers(4, 9)
     arrived = period * np.ceil(t / period)
     return np.asarray(arrived + 1e-4 * np.arange(len(t)))
 
 
 def _jump(shortest: float, longest: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
+    """Make a change of a clock that jumps in the middle of a recording, by a time [s] of a range."""
     return lambda t, rng: np.asarray(t + rng.uniform(shortest, longest) * (t > DURATION / 2))
 
 
@@ -242,7 +261,7 @@ def _clock(t: np.ndarray, rng: Rng) -> np.ndarray:
 
 
 def _of_off_propellers(recording: Recording, rng: Rng) -> Recording:
-    """Pulses of 0 before the first command, read as shares of the largest one."""
+    """Make pulses of 0 before the first command, read as shares of the largest one."""
     thrust = recording.channels["thrust"]
     is_off = thrust.t[:, None] < rng.uniform(1.0, 6.0)
     shares = np.where(is_off, -3.75, thrust.values / np.abs(thrust.values).max())
@@ -250,19 +269,19 @@ def _of_off_propellers(recording: Recording, rng: Rng) -> Recording:
 
 
 def _of_other_pulses(recording: Recording, _: Rng) -> Recording:
+    """Read pulses of 1500 +- 500 us as if they were of 1500 +- 400 us."""
     thrust = recording.channels["thrust"]
     shares = 1.25 * thrust.values / np.abs(thrust.values).max()
     return _with_channel(recording, "propeller_commands", replace(thrust, values=shares))
 
 
 def _in_current(recording: Recording, rng: Rng) -> Recording:
+    """Add the channel of a steady current."""
     t = recording.channels["position"].t
     velocity = [*rng.uniform(0.05, 0.4, size=2), 0.0]
     current = Channel(t=t, values=np.tile(velocity, (len(t), 1)))
     return _with_channel(recording, "current", current)
 
-
-# Read from a file, in which one channel stands.
 
 _Columns = dict[str, np.ndarray]
 _Spoil = Callable[[_Columns, dict[str, Any], Rng], None]
@@ -274,7 +293,9 @@ def _as_file(
     more: Mapping[str, Any] | None = None,
     rows: Callable[[str, Rng], str] | None = None,
 ) -> Spoil:
-    """A channel as it comes back from a table, and a mapping, in which something is wrong."""
+    """Make a way that writes a channel to a table and reads it back, with a mistake in the table or
+    the mapping.
+    """
 
     def change(recording: Recording, rng: Rng) -> Recording:
         channel = recording.channels[name]
@@ -369,7 +390,7 @@ _SENSORS = (_VELOCITY, _RATE)
 
 
 def _jumping_clock(name: str, shortest: float, longest: float, pattern: str) -> Kind:
-    """The clock of a channel jumps by `shortest` to `longest` [s], of which a doubt says so."""
+    """Make the kind of a clock that jumps by `shortest` to `longest` [s]; pattern: of its doubt."""
     how = f"clock of {name} jumps by {shortest:g} to {longest:g} s"
     return Kind("time", how, name, (pattern,), _times(name, _jump(shortest, longest)))
 

@@ -16,7 +16,7 @@ import coal
 import numpy as np
 from recording.rows import column, rows_where
 
-from studies.study import Study, seeds_from
+from studies.study import Study, seeded_study
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.export import export_controller
@@ -435,11 +435,8 @@ def _total(name: str, rows: Sequence[Row]) -> Row:
 
 
 def drawn_exports(*, n: Count = 300, seed: Count = 0) -> Study:
-    """So many drawn exports from a seed on."""
-    return Study(
-        name="drawn_exports",
-        title="Drawn controllers in C",
-        cases=[{"seed": k} for k in seeds_from(seed, n)],
-        run_case=run_export,
-        summarize=totals,
+    """Make a study of n drawn exports from a seed on."""
+    title = "Drawn controllers in C"
+    return seeded_study(
+        "drawn_exports", title, n=n, seed=seed, run_case=run_export, summarize=totals
     )

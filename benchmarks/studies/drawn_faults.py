@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from recording.rows import column, known_values, rows_where
 
-from studies.study import Study, seeds_from
+from studies.study import Study, seeded_study
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.mission.phase import Above, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
@@ -303,13 +303,10 @@ def _outcome(channel: str, blamed: Sequence[str]) -> str:
 
 
 def drawn_faults(*, n: Count = 100, seed: Count = 0) -> Study:
-    """So many drawn faults from a seed on."""
-    return Study(
-        name="drawn_faults",
-        title="Drawn faults of sensors",
-        cases=[{"seed": k} for k in seeds_from(seed, n)],
-        run_case=run_drawn_fault,
-        summarize=totals,
+    """Make a study of n drawn faults from a seed on."""
+    title = "Drawn faults of sensors"
+    return seeded_study(
+        "drawn_faults", title, n=n, seed=seed, run_case=run_drawn_fault, summarize=totals
     )
 
 

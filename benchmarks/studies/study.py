@@ -26,7 +26,7 @@ from uvms_ocp.version import __version__
 _MOST_RUNS = 1_000_000
 _ROW = "row"
 _FAILED = "failed"
-_SUCCESS = ("completed", "passed")  # columns of studies that tell of it
+_SUCCESS = ("completed", "passed")  # columns of studies that tell whether a case succeeded
 
 
 @checked
@@ -35,9 +35,13 @@ class StudyResult(TableDisplay):
     """Rows of all cases, and the table that sums them up."""
 
     name: str
+    """Name of the study."""
     title: str
+    """Title of its table."""
     cases: tuple[Row, ...]
+    """Row of each case."""
     table: tuple[Row, ...]
+    """Rows that sum them up."""
 
     def _table(self) -> SmallTable:
         head = tuple(self.table[0]) if self.table else ()
@@ -46,13 +50,13 @@ class StudyResult(TableDisplay):
         return SmallTable(title=title, head=head, rows=rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON values only."""
+        """Return the result as JSON values."""
         cases = [dict(row) for row in self.cases]
         table = [dict(row) for row in self.table]
         return {"study": self.name, "title": self.title, "table": table, "cases": cases}
 
     def write_csv(self, path: Path) -> None:
-        """The rows of all cases as a CSV file; columns are those of the first row. Raises
+        """Write the rows of all cases as a CSV file; columns are those of the first row. Raises
         `OSError`.
         """
         text = StringIO(newline="")
@@ -65,13 +69,18 @@ class StudyResult(TableDisplay):
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
 class Study(FieldTable):
-    """Cases are arguments of `run_case`; both go to other processes."""
+    """A study of cases that are run in other processes."""
 
     name: str
+    """Name of the study, and of its files."""
     title: str
+    """Title of its table."""
     cases: Sequence[Any]
+    """Arguments of `run_case`, one for each case."""
     run_case: Callable[[Any], Row]
+    """Runs a case and returns its row."""
     summarize: Callable[[Sequence[Row]], Sequence[Row]]
+    """Makes the table of the rows of all cases."""
 
     def run(
         self,
@@ -82,11 +91,11 @@ class Study(FieldTable):
         time_limit: Period = 3600.0,
         progress: Progress | None = None,
     ) -> StudyResult:
-        """All cases, those aside that the folder `out` has already, and their sum; without a folder
-        nothing is kept.
+        """Run all cases but those whose rows the folder `out` has already, and sum them up; without
+        a folder no rows are kept.
 
-        workers, scheduler, time_limit [s] and what is raised as `Campaign.run` has them;
-        `InvalidInput`, too, for cases that raised or ended their process: they stay in the folder.
+        workers, scheduler, time_limit [s] and errors: those of `Campaign.run`. Raises `InvalidInput`
+        also for cases that raised or ended their process, which stay in the folder.
         """
         if out is None:
             with tempfile.TemporaryDirectory() as folder:
@@ -122,7 +131,7 @@ class Study(FieldTable):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Cases(CampaignJob):
-    """Run k is case k; its row, of any columns, is kept as JSON."""
+    """Job of a campaign whose run k is case k; its row, of any columns, is kept as JSON."""
 
     study: Study
 
@@ -163,8 +172,29 @@ def finished_rows(out: Path) -> dict[int, Row]:
     return {int(run): json.loads(text) for run, text in zip(table["run"], table[_ROW], strict=True)}
 
 
+def seeded_study(
+    name: str,
+    title: str,
+    *,
+    n: int,
+    seed: int,
+    run_case: Callable[[Any], Row],
+    summarize: Callable[[Sequence[Row]], Sequence[Row]],
+) -> Study:
+    """Make a study of n cases that are drawn by their seeds alone, ``{"seed": seed}`` and those after
+    it. Raises `InvalidInput` for no cases or too many.
+    """
+    return Study(
+        name=name,
+        title=title,
+        cases=[{"seed": case_seed} for case_seed in seeds_from(seed, n)],
+        run_case=run_case,
+        summarize=summarize,
+    )
+
+
 def seeds_from(seed: int, n: int) -> range:
-    """`seed`, `seed` + 1, ... of `n` drawn cases. Raises `InvalidInput` for no cases or too
+    """Return the seeds of n drawn cases, from `seed` on. Raises `InvalidInput` for no cases or too
     many.
     """
     if n < 1:

@@ -1,4 +1,4 @@
-"""What a campaign says: intervals as published, sensitivities of functions whose indices are known,
+"""Tables of a campaign: intervals as published, sensitivities of functions whose indices are known,
 pairs counted right.
 """
 
@@ -26,8 +26,8 @@ from uvms_ocp.robot.loading import load_robot
 
 
 def table(n: int, **columns: object) -> pd.DataFrame:
-    """Of n runs that succeeded, with other columns."""
-    own = {
+    """Make a table of n runs that succeeded, with other columns."""
+    defaults = {
         "run": np.arange(n),
         "outcome": "completed",
         "success": True,
@@ -35,7 +35,7 @@ def table(n: int, **columns: object) -> pd.DataFrame:
         "finished": True,
         "wall_s": 1.0,
     }
-    return pd.DataFrame(own | dict.fromkeys(METRICS, np.nan) | columns)
+    return pd.DataFrame(defaults | dict.fromkeys(METRICS, np.nan) | columns)
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,8 @@ def test_causes_that_differ_in_numbers_are_one() -> None:
         success=[False, False, False, True],
         outcome=["stalled", "stalled", "given up", "completed"],
     )
-    found = cause_table(runs)
-    assert [(row["cause"], row["number"], row["run"]) for row in found] == [
+    rows = cause_table(runs)
+    assert [(row["cause"], row["number"], row["run"]) for row in rows] == [
         ("stall at 3.2 s", 2, 0),
         ("joint2 jammed", 1, 2),
     ]
@@ -154,12 +154,8 @@ def test_sobol_indices_of_the_ishigami_function_are_the_known_ones() -> None:
 
 
 def test_few_runs_say_nothing_of_sensitivity() -> None:
-    assert (
-        sensitivity_table(
-            table(10, a=np.arange(10.0), energy_j=np.arange(10.0)), ["a"], indices=False
-        )
-        == []
-    )
+    runs = table(10, a=np.arange(10.0), energy_j=np.arange(10.0))
+    assert sensitivity_table(runs, ["a"], indices=False) == []
 
 
 def test_only_pairs_that_differ_speak() -> None:
@@ -187,11 +183,13 @@ def test_a_campaign_of_a_version_without_a_figure_has_the_distributions_of_the_o
 
 def test_metrics_of_each_tool_are_columns_by_its_name() -> None:
     """And of a robot with one tool there are none but its own."""
-    two = load_robot("bluerov2_two_alpha5")
+    two_arm_robot = load_robot("bluerov2_two_alpha5")
     single_arm_robot = load_robot("bluerov2_alpha5")
     assert tool_metrics(single_arm_robot) == {}
-    names = [f"{kind}[{tool}]" for tool in ("port_tool", "starboard_tool") for kind in OF_EACH_TOOL]
-    assert [*tool_metrics(two)] == names
+    names = []
+    for tool in ("port_tool", "starboard_tool"):
+        names += [f"{kind}[{tool}]" for kind in OF_EACH_TOOL]
+    assert [*tool_metrics(two_arm_robot)] == names
     meanings = metrics_among(["run", "current.x", *METRICS, *names])
     assert [*meanings] == [*METRICS, *names]
     (bound,) = parse_bounds(["clearance_m[starboard_tool] > 0.2"])

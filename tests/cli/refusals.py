@@ -1,5 +1,5 @@
-"""Commands that are refused; as a program it calls those of its words, one by one, and tells what
-came of each.
+"""Commands that are refused. As a program it calls the commands that it is given, one by one, and
+prints the outcome of each.
 """
 
 from __future__ import annotations
@@ -314,8 +314,8 @@ def furnish(folder: Path) -> None:
 
 
 def told_of(words: str) -> dict[str, Any]:
-    """Call a command here: exit code, what it says, and the call that would go on, be it to
-    compile.
+    """Call a command in this process; return its exit code, what it prints, and the traceback of any
+    other error, such as of an attempt to compile.
     """
     from uvms_ocp.cli.commands import main
 
@@ -335,7 +335,7 @@ def told_of(words: str) -> dict[str, Any]:
 
 
 class CompilesError(BaseException):
-    """Nothing that is refused gets there."""
+    """A compiler was looked for, which no command that is refused may do."""
 
 
 def _compiles() -> None:
@@ -343,7 +343,7 @@ def _compiles() -> None:
 
 
 def call(commands: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Each of them where to look for a compiler is an error, in the working directory."""
+    """Call each command in the working directory; looking for a compiler is an error."""
     from uvms_ocp.codegen import c_compiler
 
     c_compiler.find_compiler = _compiles  # type: ignore[assignment]

@@ -67,8 +67,8 @@ def mesh(x: float, y: float, z: float) -> Obstacle:
 def split(
     pairs: NearestPairs, values: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """Smallest distance, distances (m,), speeds (m,) and gradients (m, n_v), through the symbols of
-    a task's rows.
+    """Split values of parameters into smallest distance, distances (m,), speeds (m,) and gradients (m,
+    n_v), by the symbols of a task's rows.
     """
     p = ca.SX.sym("p", len(values))
     symbols = pairs.symbols(p)
@@ -80,17 +80,13 @@ def split(
 
 
 def way_of(motion: StoppingMotion, q: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Durations (4,) [s] at the present velocity, and where they lead to: quarters of the
-    proportional stop, by Pinocchio.
+    """Return the quarters of the proportional stop by Pinocchio: durations (4,) [s] at the present
+    velocity, and the configurations to which they lead.
     """
-    durations = (
-        0.5
-        * (np.abs(motion.v) / motion.robot.limits.acceleration).max()
-        * np.array([0.25, 0.5, 0.75, 1.0])
-    )
-    return durations, [
-        pin.integrate(motion.robot.model, q, motion.v * duration) for duration in durations
-    ]
+    stop_time = (np.abs(motion.v) / motion.robot.limits.acceleration).max()
+    durations = 0.5 * stop_time * np.array([0.25, 0.5, 0.75, 1.0])
+    places = [pin.integrate(motion.robot.model, q, motion.v * duration) for duration in durations]
+    return durations, places
 
 
 def random_motion(robot: Robot, rng: np.random.Generator) -> tuple[np.ndarray, StoppingMotion]:
@@ -298,7 +294,7 @@ def test_pairs_that_cannot_be_measured_are_refused(robot: Robot) -> None:
 
 
 class Turning:
-    """A goal that says when it was asked."""
+    """A goal that keeps the times at which it was asked."""
 
     def __init__(self) -> None:
         self.asked: list[float] = []

@@ -1,5 +1,5 @@
-"""What is learnt is told in numbers of the vehicle: with units, intervals and what is not
-determined.
+"""Results of a fit are reported as numbers of the vehicle: with units, intervals, and which of them
+are determined.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ LEARNT = {
 
 
 @cache
-def found() -> tuple[Vehicle, Estimate]:
+def fitted() -> tuple[Vehicle, Estimate]:
+    """Fit a vehicle to one simulated recording."""
     auv = vehicle_of(known().with_status(**LEARNT))
     rollout = Rollout(stage_of(auv))
     recording = drive(
@@ -40,55 +41,54 @@ def found() -> tuple[Vehicle, Estimate]:
         seed=1,
         noise=0.02,
     )
-    error = OutputErrorProblem(
+    problem = OutputErrorProblem(
         auv, PreparedRecording.of(recording, auv).segments(0.1, 10.0), Noise(), rollout
     )
-    return auv, error.solve(error.start())
+    return auv, problem.solve(problem.start())
 
 
-def told(inflation: float = 1.0) -> dict[str, IdentifiedNumber]:
-    return {each.name: each for each in numbers(*found(), inflation)}
+def numbers_by_name(inflation: float = 1.0) -> dict[str, IdentifiedNumber]:
+    return {number.name: number for number in numbers(*fitted(), inflation)}
 
 
 @pytest.mark.slow
 def test_errors_of_numbers_are_those_of_a_change_of_the_unknowns() -> None:
-    auv, estimate = found()
-    eps = 1e-6 * np.eye(len(estimate.shared))
-    slopes = [
-        (values_of(auv, estimate.shared + e) - values_of(auv, estimate.shared - e)) / 2e-6
-        for e in eps
-    ]
+    auv, estimate = fitted()
+    slopes = []
+    for step in 1e-6 * np.eye(len(estimate.shared)):
+        change = values_of(auv, estimate.shared + step) - values_of(auv, estimate.shared - step)
+        slopes.append(change / 2e-6)
     C = np.linalg.inv(estimate.information)
-    wanted = np.sqrt(np.diag(np.array(slopes).T @ C @ np.array(slopes)))
-    np.testing.assert_allclose([each.sigma for each in told().values()], wanted, rtol=1e-5)
+    expected = np.sqrt(np.diag(np.array(slopes).T @ C @ np.array(slopes)))
+    sigmas = [number.sigma for number in numbers_by_name().values()]
+    np.testing.assert_allclose(sigmas, expected, rtol=1e-5)
 
 
 def test_what_an_axis_has_to_move_is_the_sum_of_both_masses() -> None:
-    each = told()
-    total = each["mass and added mass surge"]
-    assert total.value == pytest.approx(each["mass"].value + each["added_mass surge"].value)
-    apart = np.hypot(each["mass"].sigma, each["added_mass surge"].sigma)
-    assert total.sigma < 0.9 * apart
+    by_name = numbers_by_name()
+    mass = by_name["mass"]
+    added_mass = by_name["added_mass surge"]
+    total = by_name["mass and added mass surge"]
+    assert total.value == pytest.approx(mass.value + added_mass.value)
+    assert total.sigma < 0.9 * np.hypot(mass.sigma, added_mass.sigma)
 
 
 def test_lengths_are_compared_with_five_centimetres() -> None:
-    assert told()["centre_of_buoyancy x"].size == 0.05
+    assert numbers_by_name()["centre_of_buoyancy x"].size == 0.05
 
 
 def test_samples_that_miss_alike_widen_intervals() -> None:
-    wide = told(25.0)["added_mass surge"]
-    narrow = told()["added_mass surge"]
+    wide = numbers_by_name(25.0)["added_mass surge"]
+    narrow = numbers_by_name()["added_mass surge"]
     assert wide.sigma > 2.0 * narrow.sigma
-    assert (
-        wide.interval[0] < narrow.interval[0] < narrow.value < narrow.interval[1] < wide.interval[1]
-    )
-    assert wide.interval[0] > 0.0
+    assert 0.0 < wide.interval[0] < narrow.interval[0]
+    assert narrow.interval[0] < narrow.value < narrow.interval[1] < wide.interval[1]
 
 
 def test_what_priors_say_alone_is_not_determined() -> None:
-    auv, estimate = found()
-    nothing = replace(estimate, information=np.diag(1.0 / auv.shared.sigma**2))
-    assert not any(each.determined for each in numbers(auv, nothing))
+    auv, estimate = fitted()
+    by_priors = replace(estimate, information=np.diag(1.0 / auv.shared.sigma**2))
+    assert not any(number.determined for number in numbers(auv, by_priors))
 
 
 def test_a_number_determined_to_a_tenth_of_its_size_is_called_so() -> None:
@@ -108,8 +108,8 @@ def test_a_number_determined_to_a_tenth_of_its_size_is_called_so() -> None:
 
 
 def test_nothing_is_determined_where_the_search_has_not_converged() -> None:
-    auv, estimate = found()
-    assert any(each.determined for each in numbers(auv, estimate))
-    for each in numbers(auv, replace(estimate, status=FitStatus.ITERATION_LIMIT)):
-        assert not each.determined
-        assert each.interval == (0.0 if each.positive else -np.inf, np.inf)
+    auv, estimate = fitted()
+    assert any(number.determined for number in numbers(auv, estimate))
+    for number in numbers(auv, replace(estimate, status=FitStatus.ITERATION_LIMIT)):
+        assert not number.determined
+        assert number.interval == (0.0 if number.positive else -np.inf, np.inf)

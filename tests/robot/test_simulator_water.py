@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.proposal import RobotProposal, propose
 from uvms_ocp.robot.static_balance import static_residual
 
@@ -45,7 +46,9 @@ def uuv(
 
 def gazebo(sign: float = -1.0, more: str = "") -> str:
     names = ("xDotU", "yDotV", "zDotW", "kDotP", "mDotQ", "nDotR")
-    added = "".join(f"<{n}>{sign * m}</{n}>" for n, m in zip(names, np.diag(ADDED), strict=True))
+    added = ""
+    for name, mass in zip(names, np.diag(ADDED), strict=True):
+        added += f"<{name}>{sign * mass}</{name}>"
     return (
         "<gazebo><plugin filename='gz-sim-hydrodynamics-system'"
         " name='gz::sim::systems::Hydrodynamics'><link_name>hull</link_name>"
@@ -66,9 +69,14 @@ def proposed(folder: Path, blocks: str) -> RobotProposal:
     return propose(folder / "robot.urdf", base="free_flyer")
 
 
+def hull_water(proposal: RobotProposal) -> LinkHydrodynamics:
+    (water,) = [link for link in proposal.robot.hydrodynamics if link.frame == "hull"]
+    return water
+
+
 def test_all_that_uuv_simulator_states_is_taken(tmp_path: Path) -> None:
     proposal = proposed(tmp_path, uuv())
-    (water,) = [w for w in proposal.robot.hydrodynamics if w.frame == "hull"]
+    water = hull_water(proposal)
     np.testing.assert_allclose(water.added_mass, ADDED)
     np.testing.assert_allclose(np.diag(water.linear_drag), [14, 16, 20, 1.5, 2, 1.8])
     np.testing.assert_allclose(np.diag(water.quadratic_drag), [55, 80, 120, 2, 3, 2.5])
@@ -82,18 +90,16 @@ def test_all_that_uuv_simulator_states_is_taken(tmp_path: Path) -> None:
 
 
 def test_coupled_terms_are_turned_from_starboard_and_down(tmp_path: Path) -> None:
-    (water,) = [
-        w for w in proposed(tmp_path, uuv(words(COUPLED))).robot.hydrodynamics if w.frame == "hull"
-    ]
+    water = hull_water(proposed(tmp_path, uuv(words(COUPLED))))
     v = np.random.default_rng(3).normal(size=6)
-    theirs = TO_STARBOARD_DOWN * v
-    assert v @ water.added_mass @ v == pytest.approx(theirs @ COUPLED @ theirs)
+    turned_v = TO_STARBOARD_DOWN * v
+    assert v @ water.added_mass @ v == pytest.approx(turned_v @ COUPLED @ turned_v)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_numbers_of_gazebo_resist_whatever_their_sign(sign: float, tmp_path: Path) -> None:
     proposal = proposed(tmp_path, gazebo(sign))
-    (water,) = [w for w in proposal.robot.hydrodynamics if w.frame == "hull"]
+    water = hull_water(proposal)
     np.testing.assert_allclose(water.added_mass, ADDED)
     np.testing.assert_allclose(np.diag(water.linear_drag), [14, 0, 0, 0, 0, 0])
     np.testing.assert_allclose(np.diag(water.quadratic_drag), [55, 80, 0, 0, 0, 0])
@@ -128,17 +134,17 @@ def test_what_is_not_used_is_named(blocks: str, said: str, tmp_path: Path) -> No
 def test_what_is_not_stated_is_proposed(tmp_path: Path) -> None:
     by_shape = proposed(tmp_path, "").robot.hydrodynamics[0]
     proposal = proposed(tmp_path, uuv(linear=""))
-    (water,) = [w for w in proposal.robot.hydrodynamics if w.frame == "hull"]
+    water = hull_water(proposal)
     np.testing.assert_allclose(water.linear_drag, by_shape.linear_drag)
     assert "; the rest: box around its shapes" in proposal.text
 
 
 def test_water_of_a_link_without_mass_is_the_hulls(tmp_path: Path) -> None:
     robot = proposed(tmp_path, uuv(link="skid")).robot
-    wet = {w.frame: w for w in robot.hydrodynamics}
-    np.testing.assert_allclose(wet["skid"].added_mass, ADDED)
-    assert not np.any(wet["hull"].added_mass)
-    assert wet["hull"].volume == 0.0
+    water = {link.frame: link for link in robot.hydrodynamics}
+    np.testing.assert_allclose(water["skid"].added_mass, ADDED)
+    assert not np.any(water["hull"].added_mass)
+    assert water["hull"].volume == 0.0
 
 
 def sdf_added(entries: dict[str, float]) -> str:
@@ -151,7 +157,7 @@ def test_added_mass_of_sdf_is_taken_in_the_axes_of_the_link(tmp_path: Path) -> N
     expected = ADDED.copy()
     expected[0, 4] = expected[4, 0] = 0.5
     block = f"<gazebo reference='hull'>{sdf_added(entries)}</gazebo>"
-    (water,) = [w for w in proposed(tmp_path, block).robot.hydrodynamics if w.frame == "hull"]
+    water = hull_water(proposed(tmp_path, block))
     np.testing.assert_allclose(water.added_mass, expected)
     text = (
         "<sdf version='1.10'><model name='m'><link name='hull'><inertial><mass>30</mass><inertia>"

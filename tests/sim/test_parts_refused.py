@@ -1,4 +1,4 @@
-"""A part that gives what no run can take is refused in one line that names it and says what is
+"""A user's part whose results no run can use is refused in one line that names it and says what is
 allowed.
 """
 

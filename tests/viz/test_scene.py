@@ -1,4 +1,4 @@
-"""The scene: one page, no network, no server, and an animation that is the run."""
+"""A scene is one page without network and server, whose animation is the run."""
 
 from __future__ import annotations
 
@@ -49,8 +49,12 @@ def _commands(page: str) -> list[Any]:
     return [umsgpack.unpackb(base64.b64decode(blob)) for blob in _data(page, "commands")]
 
 
+def _drawn_paths(page: str) -> set[str]:
+    return {command["path"] for command in _commands(page) if command["type"] == "set_object"}
+
+
 def _data(page: str, name: str) -> Any:
-    """A block of data as a browser finds it."""
+    """Return a block of data as a browser finds it."""
     match = re.search(
         rf'<script type="application/json" id="{name}">(.*?)</script', page, re.DOTALL
     )
@@ -151,11 +155,7 @@ def test_between_keys_the_vehicle_is_where_the_record_has_it(record: Record, rob
 
 
 def test_every_visual_shape_is_drawn(page: str, robot: Robot) -> None:
-    drawn = {
-        c["path"].rsplit("/", 2)[0]
-        for c in _commands(page)
-        if c["type"] == "set_object" and "/robot/" in c["path"]
-    }
+    drawn = {path.rsplit("/", 2)[0] for path in _drawn_paths(page) if "/robot/" in path}
     assert len(drawn) == len(robot.visual_model.geometryObjects)
 
 
@@ -168,18 +168,14 @@ def test_links_whose_meshes_are_missing_are_drawn_by_their_collision_shapes(robo
         if robot.model.frames[shape.parentFrame].name not in bare:
             partly.addGeometryObject(shape)
     page = show(replace(robot, visual_model=partly)).html
-    drawn = {
-        c["path"].rsplit("/", 3)[1][4:]
-        for c in _commands(page)
-        if c["type"] == "set_object" and "/robot/" in c["path"]
-    }
+    drawn = {path.rsplit("/", 3)[1][4:] for path in _drawn_paths(page) if "/robot/" in path}
     hidden = {shape.name for shape in solid if robot.model.frames[shape.parentFrame].name in bare}
     assert hidden
     assert drawn == {shape.name for shape in partly.geometryObjects} | hidden
 
 
 def test_markers_and_trails_are_drawn(page: str) -> None:
-    objects = {command["path"] for command in _commands(page) if command["type"] == "set_object"}
+    objects = _drawn_paths(page)
     for name in (
         "trails/vehicle",
         "trails/tool",
@@ -191,10 +187,10 @@ def test_markers_and_trails_are_drawn(page: str) -> None:
 
 
 def test_each_tool_leaves_a_path_of_its_own(record: Record, robot: Robot) -> None:
-    two_markers = replace(
+    two_tools = replace(
         robot, description=robot.description.model_copy(update={"tool": ("tool", "flange")})
     )
-    details = _details(show(record, two_markers).html)
+    details = _details(show(record, two_tools).html)
     rows = {
         row["label"]: row["colour"]
         for row in details["legend"]

@@ -166,7 +166,7 @@ class Campaign(FieldTable):
         )
 
     def sources(self) -> dict[str, bytes]:
-        """Files to keep a copy of, by the name that the copy has."""
+        """Return the files to keep a copy of, by the name that the copy has."""
         parts = {"scenario": self.work.scenario, "variations": self.work.variations}
         contents = {}
         for part, source in parts.items():

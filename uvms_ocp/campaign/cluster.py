@@ -68,8 +68,8 @@ def dask() -> Any:
 
 
 def connected(scheduler: str | None, workers: int | None) -> AbstractContextManager[Any]:
-    """A `distributed.Client` of the cluster at an address, or of as many `workers` of this machine
-    as it has processors.
+    """Connect a `distributed.Client` of the cluster at an address, or of as many `workers` of this
+    machine as it has processors.
 
     Raises `OutputError` where nobody answers at the address, `InvalidInput` for an empty address
     and for an address and a number of workers, and `UvmsError` where workers end as they start.

@@ -118,7 +118,7 @@ def over_time(limit: float) -> str:
 
 
 def describe(error: BaseException) -> str:
-    """Class, message and place."""
+    """Describe an error by class, message and place."""
     return f"{type(error).__name__}: {error}{_place(error)}"
 
 

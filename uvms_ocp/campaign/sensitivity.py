@@ -91,7 +91,7 @@ def _ranks(X: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
-    """PAWN sensitivity index of every column, and of one more that has no effect."""
+    """Compute the PAWN sensitivity index of every column, and of one more that has no effect."""
     pawn = optional_module("SALib.analyze.pawn", "sensitivities", CAMPAIGN_EXTRA)
     dummy = np.random.default_rng(0).permutation(len(y))[:, None] / len(y)
     problem = problem_of([*(f"x{k}" for k in range(X.shape[1])), _DUMMY])
@@ -102,7 +102,7 @@ def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
 
 
 def _sobol(y: np.ndarray, n: int) -> dict[str, np.ndarray]:
-    """Sobol' indices from the complete blocks of the design; empty where they are too few."""
+    """Compute Sobol' indices from the complete blocks of the design; empty where they are too few."""
     sobol = optional_module("SALib.analyze.sobol", "sensitivities", CAMPAIGN_EXTRA)
     blocks = y[: len(y) // (n + 2) * (n + 2)].reshape(-1, n + 2)
     complete_blocks = blocks[np.isfinite(blocks).all(axis=1)]

@@ -57,7 +57,9 @@ class Variation:
     distribution: Any
     """Distribution of its values: one of this package, or a frozen one of scipy.stats."""
     apply: Callable[[Scenario, float], Scenario] | None = field(default=None, kw_only=True)
-    """For a parameter of your own: the scenario with this value [its unit] of it."""
+    """For a parameter of your own: function that returns the scenario with a value [its unit] of
+    it.
+    """
 
     def __post_init__(self) -> None:
         if not self.name.strip():

@@ -94,7 +94,7 @@ RobotName = Annotated[
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RobotFiles:
-    """How the files of a robot are read.
+    """Options of reading the files of a robot.
 
     What is left out is as its hydrodynamics.yaml says, under the same names.
     """

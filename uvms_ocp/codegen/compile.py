@@ -139,8 +139,8 @@ def compiled_from(
 
 @contextmanager
 def compiling_beside(in_background: bool) -> Iterator[None]:
-    """Inside, `available_function` waits for no compiler, unless ``UVMS_OCP_WAIT_FOR_COMPILER`` is
-    set.
+    """Let `available_function` wait for no compiler in the block, unless
+    ``UVMS_OCP_WAIT_FOR_COMPILER`` is set.
     """
     is_wait_required = os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"}
     previous = _WAITS.set(not in_background or is_wait_required)

@@ -28,7 +28,7 @@ LASTING_FORCE = 0.005
 """Force that the model lacks for long on every axis, share of the most that thrusters or motors
 give there.
 """
-_LASTING_TIME = 60.0  # [s] after which that has become another
+_LASTING_TIME = 60.0  # [s] after which that force has become another
 _UNSTEADY = 0.001  # force, the same share, below which the disturbance is noise at least
 # [s] for which the disturbance is wrong in the same way: what the model lacks of a motion lasts
 # longer than noise
@@ -45,7 +45,7 @@ _OUTLIER = 3.0  # times its size, beyond which a change of the noise counts as t
 _FIRST_NOISE = 300.0
 _COOLING = 1.0
 _PATIENCE = 3  # looks at a surprise, one after the other, that are one
-_NO_FORCE = 1e-6  # [N, N m] what rounding leaves of an axis that no thruster acts on
+_NO_FORCE = 1e-6  # [N, N m] rounding on an axis that no thruster acts on
 # noise of an observer is alike for so many times 1 / bandwidth, by the integral of its correlation
 _COLOUR = 4.0
 
@@ -71,8 +71,8 @@ class LoadLearning:
     drag: Annotated[float, Range(0.0, 1.0)] = 0.1
     """Share of its slope that the drag of a moving tool's velocity may be wrong by."""
     scale: Annotated[float, Range(0.0, 1.0)] = 0.03
-    """to which the forces of thrusters and motors are known: standard errors of weight and mass are
-    no smaller share.
+    """Relative accuracy of the known forces of thrusters and motors: standard errors of weight and
+    mass are no smaller share.
     """
 
 
@@ -81,19 +81,21 @@ class LoadSample:
     """A disturbance that was found, and what a load at each tool or a current would make of it."""
 
     disturbance: np.ndarray
-    """(n_v,) [N, N m] found."""
+    """(n_v,) [N, N m] disturbance that the observer found."""
     weight: np.ndarray
-    """(n_v, n_tools) [N, N m] that 1 N of net weight makes of it."""
+    """(n_v, n_tools) [N, N m] disturbance that 1 N of net weight makes."""
     mass: np.ndarray
-    """(n_v, n_tools) [N, N m] that 1 kg makes of it."""
+    """(n_v, n_tools) [N, N m] disturbance that 1 kg makes."""
     drag: np.ndarray
-    """(n_v,) [N, N m] of a current, to which `slopes` times it are to be added."""
+    """(n_v,) [N, N m] constant part of a current's disturbance, to which `slopes` times the current
+    is added.
+    """
     slopes: np.ndarray
-    """(n_v, 3) [N s/m, N s]"""
+    """(n_v, 3) [N s/m, N s] slopes of the disturbance with the current."""
     velocity: np.ndarray
-    """(3, n_tools) [m/s] of the tools in W."""
+    """(3, n_tools) [m/s] velocities of the tools in W."""
     usable: np.ndarray
-    """(n_v,) which axes tell anything of the load."""
+    """(n_v,) True for axes that tell anything of the load."""
 
 
 class LoadFilter:

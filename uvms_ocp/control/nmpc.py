@@ -40,7 +40,7 @@ class NmpcStatistics:
     solve_times: tuple[float, ...]
     """[s] by the controller's clock."""
     processor_times: tuple[float, ...]
-    """[s] of the processor that the solves took themselves, without other processes."""
+    """[s] processor time of the solves themselves, without other processes."""
     missed: int
     """Solves that took longer than the period."""
     rejected: int
@@ -57,7 +57,7 @@ class PlanningTimes:
     def __init__(self, dt: float, period: float) -> None:
         """dt, period [s]: of control and planning."""
         self.dt = dt
-        """[s] of control."""
+        """[s] control period."""
         self._period = period
         self._origin = 0.0
 
@@ -170,14 +170,14 @@ class Nmpc(TableDisplay):
         self._now: replanning.TimedPlan | None = None
         self._coming: replanning.TimedPlan | None = None
         self._takes_over = np.inf
-        """[s] when the coming plan does."""
+        """[s] time at which the coming plan takes over."""
         self._asked: float | None = None
-        """[s] when the solve began that is not answered yet."""
+        """[s] beginning of the solve that is not answered yet."""
         self._due = np.inf
-        """[s] when its plan is to begin."""
+        """[s] time at which its plan is to begin."""
         self._planning = PlanningTimes(dt, period)
         self._next = -np.inf
-        """[s] when the next solve begins, or later: at the first tick then."""
+        """[s] time from which on the next solve begins, at the first tick."""
         self._times: list[tuple[float, float]] = []
         self._watch = PlanningWatch(period)
 

@@ -57,9 +57,9 @@ class ForceResponse:
     """Response of an observer to k forces, each as if it were the only disturbance."""
 
     estimate: ca.SX
-    """(n_v, k) [N, N m] of its estimate."""
+    """(n_v, k) [N, N m] change of its estimate."""
     innovation: ca.SX
-    """(n_v, k) [m/s, rad/s] of its innovation."""
+    """(n_v, k) [m/s, rad/s] change of its innovation."""
 
 
 ObserverResponse = Callable[[ForceResponse, ca.SX, ca.SX, ca.SX], ForceResponse]

@@ -33,14 +33,15 @@ from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.robot.signals import State, unchecked_state
 
 _LONGEST_STEP = 0.1
-"""[s] of the simulation, in which drag is implicit."""
+"""[s] longest step of the simulation, in which drag is implicit."""
 _PREDICTION_STEP = 0.01
-"""[s] of the simulation of what comes before a plan begins: within it joints follow their motors."""
+"""[s] step of the simulation up to the beginning of a plan: within it joints follow their motors.
+"""
 
 _POSITION = 1e-3
 """[rad or m] by which joints may pass the limits of their positions."""
 _RATE = 0.02
-"""share by which rates may pass their limits."""
+"""Share by which rates may pass their limits."""
 _FIRST = np.array([0])
 """Number of the first node."""
 

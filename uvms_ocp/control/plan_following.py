@@ -95,13 +95,13 @@ class FollowingTuning:
     smoothing: Positive = 0.5
     """[s] time constant of the correction: noise is not to become acceleration."""
     position: Positive = 0.3
-    """[m] of the vehicle from the plan, beyond which it is left."""
+    """[m] distance of the vehicle from the plan at which it is left."""
     attitude: Positive = 0.3
-    """[rad] of the vehicle from the plan, beyond which it is left."""
+    """[rad] rotation of the vehicle from the plan at which it is left."""
     posture: Positive = 0.3
-    """[rad or m] of any joint from the plan, beyond which it is left."""
+    """[rad or m] distance of any joint from the plan at which it is left."""
     late: Positive = 3.0
-    """[s] that a phase may last beyond its end in the plan."""
+    """[s] time beyond its end in the plan after which a phase is late, and the plan is left."""
 
 
 class PlanGuide:

@@ -279,11 +279,11 @@ class ReplanningRequest:
     in_use: int
     """Number of the plan that is tracked then."""
     begin: float
-    """[s] when that one began, which is later than planned for a first plan that came late; of the
-    request for the first plan, when that is to begin.
+    """[s] beginning of that plan, which is later than planned for a first plan that came late; in
+    the request for the first plan, the time at which that is to begin.
     """
     delay: float
-    """[s] from t to the beginning of the plan; for the first one it does not count."""
+    """[s] time from t to the beginning of the plan; without effect for the first one."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -28,7 +28,7 @@ _FORGOTTEN = 0.95
 _RECENT = 5
 """Solves in line by which the next one is judged."""
 _SENT = 1e-3
-"""[s] that a request and its result take on their way between processes."""
+"""[s] time that a request and its result take between processes."""
 _PATIENCE = 3
 """Periods after which a solve beside begins no further step: a plan that comes late is of more use
 than none.
@@ -62,7 +62,7 @@ class ReplanningJob:
 
     problem: OcpProblem
     period: float
-    """[s] of planning."""
+    """[s] planning period."""
     options: SqpOptions | None
     gains: TrackingGains | None
     """Gains of the law that tracks plans."""
@@ -90,11 +90,12 @@ class ProcessWorker:
     """
 
     lead: Positive = 1.0
-    """[s] from the first call to the beginning of the first plan, which takes several solves."""
+    """[s] time from the first call to the beginning of the first plan, which takes several solves.
+    """
     timeout: Positive = 5.0
-    """[s] for a solve, after which its process is stopped."""
+    """[s] time limit of a solve, after which its process is stopped."""
     start_timeout: Positive = 120.0
-    """[s] for the process to be ready, which compiles what is not in the cache."""
+    """[s] time limit of the start of the process, which compiles what is not in the cache."""
 
 
 def start_worker(worker: SynchronousWorker | ProcessWorker, job: ReplanningJob) -> RunningWorker:
@@ -121,7 +122,7 @@ class RunningSynchronously:
         )
         self._answer: ReplanningResult | None = None
         self.lead = 0.0
-        """[s] from the request for the first plan to its beginning."""
+        """[s] time from the request for the first plan to its beginning."""
         self.status = WorkerStatus.WORKING
         self._delay = LateSolves()
 

@@ -120,7 +120,7 @@ class RestrictionMemory(Layout):
     """`DEGRADED_MODES`, how far each of `CHANNELS` can be trusted, and what applies."""
 
     needs: Annotated[list[list[int]], Sized(_N_MODES, _N_CHANNELS)]
-    """(n_modes, n_channels) which channels each mode is without."""
+    """(n_modes, n_channels) 1 for the channels that each mode is without."""
     trust: Annotated[list[int], Sized(_N_MODES)]
     """(n_modes,) `Trust` in these channels from which on each mode applies."""
     mode_speed: Annotated[Vector, Sized(_N_MODES)]
@@ -132,9 +132,9 @@ class RestrictionMemory(Layout):
     max_duration: Annotated[Vector, Sized(_N_MODES)]
     """(n_modes,) [s] time in a mode after which the mission is given up."""
     flags: Annotated[list[list[int]], Sized(_N_MODES, 5)]
-    """(n_modes, 5) of each mode: no descent, joints held, hold, blind, climbs."""
+    """(n_modes, 5) consequences of each mode: no descent, joints held, hold, blind, climbs."""
     of_altitude: Annotated[list[int], Sized(_N_MODES)]
-    """(n_modes,) which modes are without the altimeter alone."""
+    """(n_modes,) 1 for modes without the altimeter alone."""
 
     level: Annotated[list[int], Sized(_N_CHANNELS)]
     """(n_channels,) `Trust` in each channel."""
@@ -157,7 +157,7 @@ class RestrictionMemory(Layout):
     ended: bool
     """The mission cannot go on."""
     at_fault: Annotated[list[int], Sized(_N_CHANNELS)]
-    """(n_channels,) which channels end the mission."""
+    """(n_channels,) 1 for channels that end the mission."""
 
 
 def restrict(restriction: RestrictionMemory, t: float, altitude_matters: bool) -> None:

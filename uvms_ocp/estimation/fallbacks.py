@@ -149,7 +149,7 @@ class LastValidMemory(Layout):
     since: float
     """[s] time of the tick of the last sound estimate."""
     was: Annotated[Vector, Sized(2)]
-    """(2,) [s] its age and that of its joints then."""
+    """(2,) [s] age of the last sound estimate, and of its joints, at that tick."""
     age: float
     """[s] age of the estimate now, or of the one that replaces it."""
     joint_age: float

@@ -52,20 +52,20 @@ UNKNOWN = 0.25
 """Share of the largest variance from which on a part counts as unknown."""
 
 JOLTS = (30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0)
-"""(9,) [m/s2, rad/s2] of each channel: light vehicles turn, and light joints under a load fall, as
-fast unplanned.
-
-Gates that grant more find nothing. Linear motion is slow and seen rarely; positions of joints tell
-their velocities as soon.
+"""(9,) [m/s2, rad/s2] unplanned acceleration that gates of each channel allow: light vehicles turn
+so fast, and light joints fall so fast under a load. Gates that allow more find nothing. Linear
+motion is slow and seen rarely; positions of joints tell their velocities as soon.
 """
 JOLT_TIME = 0.015
-"""[s] for which gates grant that at most: what lasts longer shows in other readings."""
+"""[s] longest time for which gates allow it: what lasts longer shows in other readings."""
 BIAS_DRIFTS = (1e-5, 1e-5, 1e-4)
-"""[rad/s/sqrt(s), m/s/sqrt(s), m/s2/sqrt(s)] of gyro, DVL and accelerometer."""
+"""[rad/s/sqrt(s), m/s/sqrt(s), m/s2/sqrt(s)] random walk of the biases of gyro, DVL and
+accelerometer.
+"""
 ALTITUDE_DRIFT = 0.005
-"""[m/sqrt(s)] at rest."""
+"""[m/sqrt(s)] random walk of the floor below a vehicle at rest."""
 RESPONSE_TIME = 0.1
-"""[s] with which velocities are taken to follow commands."""
+"""[s] time constant with which velocities are taken to follow commands."""
 _ECHO_MEMORY = 1.0  # [s] for which the altitude is known without an echo
 # standard deviation of a velocity after a step of the commanded one, as a share of that step
 _RESPONSE_UNCERTAINTY = 0.5
@@ -73,16 +73,18 @@ _RESPONSE_UNCERTAINTY = 0.5
 _RECOVERY = 1.0
 _LEAST_JERK_SHARE = 0.02
 _SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
-_LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
-_FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)  # of those that are not biases
-_FLOOR = 1e2  # [m]
+# largest standard deviation of each `Part` but the floor
+_LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)
+# first standard deviation of each `Part` that is not a bias
+_FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)
+_FLOOR = 1e2  # [m] standard deviation of an unknown floor
 _JOINT_LIMIT = (10.0, 10.0)
 _JOINT_FIRST = (10.0, 1.0)
 _GATES = {
     1: 25.0,
     3: 31.8125,
 }  # chi-squared that 6e-7 exceed: five standard deviations of one number
-_MOST_AGILE = 10.0  # [m/s2, rad/s2] where limits are infinite
+_MOST_AGILE = 10.0  # [m/s2, rad/s2] acceleration of axes whose limits are infinite
 _EARLY_STEP = 0.25  # [s] for which echoes must agree that the floor has gone down
 
 
@@ -196,7 +198,7 @@ class FilterMemory(Layout):
     beyond the noise; it fades.
     """
     recovery: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] for which rejected readings must agree to be accepted."""
+    """(9,) [s] duration for which rejected readings must agree to be accepted."""
     needed: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) 1 where the age of the channel counts for that of the estimate."""
     drive: Annotated[Vector, Sized(len(ProcessNoise))]
@@ -231,9 +233,9 @@ class FilterMemory(Layout):
     stamp: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] time at which that reading was taken."""
     value: Annotated[list[Vector], Sized(N_VEHICLE, 4)]
-    """(7, 4) [unit of the channel] what the vehicle's channels read."""
+    """(7, 4) [unit of the channel] readings of the vehicle's channels."""
     joint_value: Annotated[list[Vector], Sized(2, "n_joints")]
-    """(2, n_joints) [rad or m, rad/s or m/s] what the joints' channels read."""
+    """(2, n_joints) [rad or m, rad/s or m/s] readings of the joints' channels."""
     # State.
     started: bool
     before: float
@@ -247,7 +249,7 @@ class FilterMemory(Layout):
     jerk_share: float
     """Share of `ProcessNoise.JERK` that the vehicle shows, by the innovations of its DVL."""
     shaken: float
-    """[s] when a reading of the DVL last surprised."""
+    """[s] time of the last reading of the DVL that surprised."""
     turn: Annotated[Vector, Sized(4)]
     """(4,) quaternion xyzw of R_WB."""
     x: Annotated[Vector, Sized(MAIN)]
@@ -284,7 +286,7 @@ class FilterMemory(Layout):
     echo: float
     """[s] time of the last echo that was accepted."""
     since: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] when rejected readings began to agree, nan for none."""
+    """(9,) [s] time from which on rejected readings have agreed, nan for none."""
     refused: Annotated[list[Vector], Sized(N_VEHICLE, 3)]
     """(7, 3) [unit of the channel] innovation of the last rejected reading of each channel."""
     joint_x: Annotated[list[Vector], Sized("n_joints", 2)]

@@ -37,9 +37,9 @@ class ControllerInputs(Layout):
     altimeter_range: float
     """[m] along the beam; NAN without an echo."""
     age: float
-    """[s] of the oldest reading that the measurement needs; INFINITY before the first."""
+    """[s] age of the oldest reading that the estimate needs; INFINITY before the first."""
     joint_age: float
-    """[s] of the joint positions alone."""
+    """[s] age of the joint positions alone."""
     trust: Annotated[list[int], Sized(len(CHANNELS))]
     """Trust in each channel: 0 good, 1 suspect, 2 lost."""
     since: Annotated[Vector, Sized(len(CHANNELS))]
@@ -52,9 +52,9 @@ class ControllerOutputs(Layout):
     v: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] reference velocity."""
     thrust: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N] of each thruster."""
+    """(n_thrusters,) [N] thrust of each thruster."""
     torque: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [N m or N] of each joint."""
+    """(n_joints,) [N m or N] torque of each joint."""
     hold: bool
     """The measured velocity of the vehicle is not to be trusted."""
     stop: bool
@@ -72,7 +72,7 @@ class ControllerOutputs(Layout):
     viable_share: float
     """Share of the hierarchy's velocity that a stop allows."""
     quantities: Annotated[Vector, Sized("n_quantities")]
-    """[m, rad, ...] those of CONTROLLER_QUANTITIES; NAN where unknown."""
+    """[m, rad, ...] values of CONTROLLER_QUANTITIES; NAN where unknown."""
 
 
 def write_measurement(inputs: Any, estimate: StateEstimate, t: float) -> None:

@@ -224,7 +224,7 @@ class QuadraticDrag:
     scale: np.ndarray
     """(6,) [N/(m/s)^2, N m/(rad/s)^2] typical size of the diagonal; axes with 0 have no drag."""
     speed: np.ndarray
-    """(6,) [m/s, rad/s] at which couplings are weighed against each other."""
+    """(6,) [m/s, rad/s] speed at which couplings are weighed against each other."""
     couplings: tuple[tuple[int, int], ...] = ()
     """Pairs of row and column: force on the first axis from the motion of the second."""
 

@@ -51,12 +51,12 @@ HALF = 0.5
 _SHORTEST = 1.0  # [s]
 _LONGEST = 1800.0  # [s]
 # The search.
-_PRICES = (100.0, 300.0, 1000.0, 1000.0)  # of leaving the pool, round by round
-_DEARER = (3000.0, 10000.0, 30000.0)  # the same where the finer steps still lead outside
-_START_FREQUENCY = 0.2  # [Hz] of the sines where the search begins
+_PRICES = (100.0, 300.0, 1000.0, 1000.0)  # prices of leaving the pool, round by round
+_DEARER = (3000.0, 10000.0, 30000.0)  # price where the finer steps still lead outside
+_START_FREQUENCY = 0.2  # [Hz] frequency of the sines with which the search begins
 _START_AMPLITUDES = (1.0, 2.0, 4.0)  # shares of what each axis can get alone, of these sines
 # Motions by hand.
-_AHEAD = 1.0  # [s] that the spring which keeps them in the pool looks ahead
+_AHEAD = 1.0  # [s] by which the spring that keeps the vehicle in the pool looks ahead
 _AMPLITUDES = np.linspace(1.0, 0.05, 20)  # shares of the largest thrust, tried in this order
 
 

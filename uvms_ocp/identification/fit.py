@@ -41,8 +41,8 @@ _ROUGH_TOLERANCE = 1e-3
 _COARSE = 4.0  # times the step, but not more than the rough one
 _LEAST_COARSE = 1.5  # times the step, at least: the two together tell what the step does
 
-_ENOUGH = 600.0  # [s] of recordings that searches before the last look at
-_ROUNDS = 10  # of iterations, the first among them, while each of them still lowers the cost
+_ENOUGH = 600.0  # [s] of recordings that searches before the last one use
+_ROUNDS = 10  # rounds of iterations, as long as each still lowers the cost
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -65,7 +65,7 @@ class HeldConstant:
     most_changed: str
     """Name of the number that such a deviation changes most, in its standard errors."""
     change: float
-    """[standard errors] by which that number changes."""
+    """[standard errors] change of that number."""
     value: float = 0.0
     """[unit] value of a noise in the fit; 0 for other constants, which the declaration has."""
     unit: str = ""

@@ -25,16 +25,16 @@ from uvms_ocp.identification.resampling import (
 )
 from uvms_ocp.identification.series_agreement import WINDOW, explained
 
-_PERIOD = 2.0  # [s] of each displacement
+_PERIOD = 2.0  # [s] duration of each displacement
 _STRIDE = 0.25  # [s] between the beginnings of two displacements
-_PARTS = 10  # of a recording, of which the jackknife leaves one out at a time
+_PARTS = 10  # parts of a recording, of which the jackknife leaves one out at a time
 _MIN_DISPLACEMENTS = 100
 _MIN_EXPLAINED = 0.8  # share of the displacements; where less is explained, other things are wrong
 _SURE = 3.0
 """[standard errors] from which on a doubt is raised: ten numbers are looked at, and parts of a
 recording are not independent.
 """
-_ROUNDS = 3  # of least squares: turns are not small
+_ROUNDS = 3  # rounds of least squares, as turns are not small
 _MAX_DELAY = 0.3  # [s] up to which the equations are linear
 _MIN_FACTOR = 0.2  # of a scale that is an error of mounting and not another unit
 

@@ -39,7 +39,7 @@ _PROMISED_GAIN = 30.0
 """Gain, in tolerances, above which a search has not converged where an undamped step promises it,
 however little the last step gained.
 """
-_MAX_STEPS = 4_000  # of segments simulated at once: they take tens of megabytes
+_MAX_STEPS = 4_000  # steps of segments that are simulated together, which take tens of megabytes
 
 
 class OutputErrorProblem:

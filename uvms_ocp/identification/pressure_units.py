@@ -24,7 +24,7 @@ METRES = 10.197
 _THINNEST_AIR = 0.6  # [bar] where people dive: lakes at 4,000 m
 _DENSEST_AIR = 1.08  # [bar]
 _AIR_ERROR = 0.03  # share of the air at sea level within which a pressure begins in air
-_LARGE = 3e4  # [mbar] of no usual vehicle: 300 m deep
+_LARGE = 3e4  # [mbar] pressure at which no usual vehicle works: 300 m deep
 _AT_BEGIN = 0.05  # share of all samples that show where a recording begins
 
 

@@ -25,9 +25,9 @@ from uvms_ocp.identification.output_error import ProfilePenalty, SearchPoint
 
 _FARTHEST = 4  # [standard errors] beyond which an interval is called open
 _SOFTNESS = 0.05  # [standard errors] deviation of the penalty that holds a number
-_STEPS = 3  # of Gauss and Newton, of which the first is nearly all of the way
-_DAMPING = 1e-9  # of a search that begins near its end
-_TOLERANCE = 1e-3  # of a deviance, with which a search ends
+_STEPS = 3  # Gauss-Newton steps, of which the first goes nearly all of the way
+_DAMPING = 1e-9  # damping of a search that begins near its end
+_TOLERANCE = 1e-3  # change of the deviance at which a search ends
 _PROMISE_ERROR = 0.1  # share of a deviance by which it may miss what a step has promised
 _END_DIFFERENCE = 0.2  # share of the half width, from which on ends are said to differ
 

@@ -188,7 +188,7 @@ class _AlignedChannel:
     values: np.ndarray
     """(m, 3) [unit of the channel] values as shifted and scaled."""
     delay: float = 0.0
-    """[s] by which the channel was late."""
+    """[s] time by which the channel was late."""
     has_constant_delay: bool = True
     """True if both halves of the recording are late by this delay."""
     factor: float = 1.0

@@ -16,13 +16,13 @@ from uvms_ocp.identification.recording import (
 from uvms_ocp.identification.resampling import angular_rate, smoothed
 from uvms_ocp.identification.series_agreement import DEAD, MOVES, WINDOW
 
-_SHORTEST_RECORDING = 5.0  # [s] that all channels must have in common
+_SHORTEST_RECORDING = 5.0  # [s] shortest time that all channels must have in common
 _SPARSEST = 100.0  # largest mean interval of a channel, in its usual intervals
 
 # Intervals between samples.
-_SHORTEST = 1e-5  # [s] of any sensor
-_LIKELY = 0.05  # [s] of any sensor
-_LONGEST = 5.0  # [s] of any sensor
+_SHORTEST = 1e-5  # [s] shortest interval of any sensor
+_LIKELY = 0.05  # [s] interval of a usual sensor
+_LONGEST = 5.0  # [s] longest interval of any sensor
 _GAP = 8.0  # usual intervals that a gap is longer than
 _BURST = 0.5  # share of the mean interval below which the usual one tells of messages held up
 _OFTEN = 0.02  # share of all intervals from which on gaps, or pairs of samples, are no accident
@@ -32,7 +32,7 @@ _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.com
 """Channels that may be recorded only when they change."""
 
 # Values.
-_FOR_LONG = 90.0  # [%] of samples below a peak
+_FOR_LONG = 90.0  # [%] share of samples below a peak
 _FAR = 3.0  # widths of the range of all others by which values are far off
 _FARTHEST = {
     "position": 20.0,
@@ -68,8 +68,8 @@ _FACTORS = {"mm/s, or cm/s": 1e-3, "mm, or cm": 1e-3, "deg/s": _DEGREE, "deg": _
 # Commands.
 _PULSES = (900.0, 2200.0)  # [us] widths
 _NARROW = 0.1  # share of the size of commands within which no vehicle is driven throughout
-_NARROW_OF_MANY = 0.5  # the same of more than two thrusters, which do not all push one way
-_BEYOND_ONE = 0.05  # by which shares of the largest command may be more than 1
+_NARROW_OF_MANY = 0.5  # the same share for more than two thrusters, which do not all push one way
+_BEYOND_ONE = 0.05  # by which a share of the largest command may exceed 1
 
 
 def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:

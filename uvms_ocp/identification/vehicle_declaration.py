@@ -28,8 +28,8 @@ from uvms_ocp.robot.thrusters import AXES as AXES
 LONGEST_DELAY = 1.0
 """[s] longest delay of commands and of measurements that can be learnt."""
 _SPEED = 0.3  # [m/s, rad/s] size that velocities have
-_SHORTEST_DELAY = 1e-3  # [s] from which a search for a delay of commands begins, at least
-_VELOCITY_DELAY = 0.01  # [s] from which a search for a delay of velocities begins, at least
+_SHORTEST_DELAY = 1e-3  # [s] shortest delay of commands at which a search for it begins
+_VELOCITY_DELAY = 0.01  # [s] shortest delay of velocities at which a search for it begins
 _XYZ = ("x", "y", "z")
 Pairs = tuple[tuple[int, int], ...]
 """Pairs of axes, by their indices."""
@@ -154,13 +154,13 @@ class NominalParameters:
     """
 
     mass: float
-    """[kg] of the rigid body."""
+    """[kg] mass of the rigid body."""
     centre_of_mass: np.ndarray
-    """(3,) [m] of the rigid body, in the frame of the vehicle's joint."""
+    """(3,) [m] centre of mass, in the frame of the vehicle's joint."""
     inertia: np.ndarray
-    """(3, 3) [kg m2] of the rigid body, about the centre of mass."""
+    """(3, 3) [kg m2] inertia of the rigid body, about the centre of mass."""
     volume: float
-    """[m3] of displaced water."""
+    """[m3] volume of displaced water."""
     centre_of_buoyancy: np.ndarray
     """(3,) [m] in the frame of the coefficients."""
     added_mass: np.ndarray

@@ -44,7 +44,9 @@ class Threshold:
     limit: float
     """[unit of the quantity] more than 0; of depth, speed and load any."""
     release: float | None = None
-    """[unit of the quantity] on the other side of the limit, or the limit."""
+    """[unit of the quantity] limit while the condition holds, on the other side of `limit`;
+    default: `limit`.
+    """
 
     def __post_init__(self) -> None:
         may_be_negative = self.quantity.startswith("vehicle.")

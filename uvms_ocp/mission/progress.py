@@ -54,17 +54,17 @@ class MissionMemory(Layout):
     end_condition: Annotated[list[int], Sized("n_transitions")]
     """(n_transitions,) the condition after the last one of each transition."""
     hold: Annotated[Vector, Sized("n_transitions")]
-    """(n_transitions,) [s] for which the conditions of each must hold."""
+    """(n_transitions,) [s] duration for which the conditions of each must hold."""
     to: Annotated[list[int], Sized("n_transitions")]
     """(n_transitions,) the phase that each leads to, or a `Terminal`."""
     retries: Annotated[list[int], Sized("n_transitions")]
-    """(n_transitions,) how often each may fire; below 0: without end."""
+    """(n_transitions,) number of times that each may fire; below 0 for any number."""
     quantity: Annotated[list[int], Sized("n_conditions")]
     """(n_conditions,) index of the quantity that each limits."""
     below: Annotated[list[int], Sized("n_conditions")]
     """(n_conditions,) 1 where the quantity has to be below its limit, 0 above."""
     limit: Annotated[Vector, Sized("n_conditions")]
-    """(n_conditions,) [unit of the quantity]"""
+    """(n_conditions,) [unit of the quantity] limit."""
     release: Annotated[Vector, Sized("n_conditions")]
     """(n_conditions,) [unit of the quantity] limit while the transition holds."""
     abort_phase: int
@@ -78,13 +78,13 @@ class MissionMemory(Layout):
     started: bool
     """True once the mission has begun."""
     activations_before: Annotated[Vector, Sized("n_tasks")]
-    """(n_tasks,) as in `MissionState`."""
+    """(n_tasks,) external activations at the start of the phase, from which the step begins."""
     held_since: Annotated[Vector, Sized("n_transitions")]
     """(n_transitions,) [s] since when each holds; NaN where it does not."""
     changed: bool
     """True where any of these changed in the last evaluation."""
     fired: Annotated[list[int], Sized("n_transitions")]
-    """(n_transitions,) how often each was taken."""
+    """(n_transitions,) number of times that each was taken."""
     completed: bool
     """True where the mission has ended as wanted."""
     aborted: bool
@@ -108,7 +108,7 @@ def start_at_first_tick(mission: MissionMemory, t: float) -> None:
 
 
 def activations_at(mission: MissionMemory, t: float, activations: Vector) -> None:
-    """External activation of each task at time t [s] ([Gao2022] eq. 22 in time)."""
+    """Compute the external activation of each task at time t [s] ([Gao2022] eq. 22 in time)."""
     target = mission.targets[mission.phase]
     passed = t - mission.since
     blend = 0.0
@@ -212,7 +212,7 @@ def abort_mission(mission: MissionMemory, t: float, climbs: bool) -> None:
 
 
 def is_over(mission: MissionMemory) -> bool:
-    """It has ended, one way or the other. A kernel."""
+    """Check whether the mission has ended, completed or not."""
     return mission.completed or mission.aborted
 
 

@@ -72,7 +72,7 @@ class MissionPlan(TableDisplay):
         return float(np.abs(self.trajectory.thrust).max(initial=0.0))
 
     def summary(self) -> dict[str, Any]:
-        """Plain numbers and texts, ready for JSON."""
+        """Return the plan's figures as plain numbers and texts, ready for JSON."""
         phases = []
         for name, phase in zip(self.names, self.phases, strict=True):
             phases.append(

@@ -61,9 +61,9 @@ class BoundedRows(TaskRows):
     rows: tuple[int, ...]
     """Indices into the residual."""
     lower: Bound = -np.inf
-    """[unit of the rows]"""
+    """[unit of the rows] lower bound."""
     upper: Bound = np.inf
-    """[unit of the rows]"""
+    """[unit of the rows] upper bound."""
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         value = self.task.residual(stage.tick, parameters).value[list(self.rows)]
@@ -237,7 +237,7 @@ class MissionWeights:
     """Weights of the last level."""
 
     energy: float = 1.0
-    """[1/kW]"""
+    """[1/kW] weight of the energy."""
     effort: float = 0.2
     """Weight of thrust and torque, in shares of their limits."""
     price: float = 1e-6
@@ -247,8 +247,8 @@ class MissionWeights:
 def mission_levels(
     robot: Robot, terms: MissionTerms, weights: MissionWeights
 ) -> tuple[OcpLevel, ...]:
-    """Goals in the order of the classes of their tasks, then energy with a little smoothness, as
-    far as it is known.
+    """Make levels of goals in the order of the classes of their tasks, then energy with a little
+    smoothness, as far as it is known.
     """
     levels = []
     for task_class in sorted({task_class for task_class, _ in terms.goals}):

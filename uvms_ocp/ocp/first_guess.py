@@ -103,8 +103,8 @@ class _GuessSearch:
                 self._watch.cheapest = min(self._coarse)
 
     def _compare_over_all_steps(self) -> bool:
-        """Iterate once from each of those that cost least; False where there was nothing to
-        compare, or no time for all.
+        """Make one iteration from each guess of those that cost least; return False where there was
+        nothing to compare, or no time for all.
         """
         limit = _CLOSE_RESIDUAL * min(self._coarse, default=0.0)
         residuals = sorted(self._coarse)[:_COMPARED_MOTIONS]

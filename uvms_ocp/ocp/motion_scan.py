@@ -38,9 +38,9 @@ class Samples:
     t: Array
     """(n, n_s) [s] since the first node."""
     q: Array
-    """(n, n_s, n_q) [m, rad]"""
+    """(n, n_s, n_q) [m, rad] configurations."""
     v: Array
-    """(n, n_s, n_v) [m/s, rad/s]"""
+    """(n, n_s, n_v) [m/s, rad/s] velocities."""
 
     @property
     def flat(self) -> tuple[Indices, Array, Array]:
@@ -132,9 +132,9 @@ class QuantityRange:
     unit: str
     quantities: tuple[str, ...]
     lower: Array
-    """(m,)"""
+    """(m,) lower ends."""
     upper: Array
-    """(m,)"""
+    """(m,) upper ends."""
     term: Term | None = None
 
     def beyond(self, values: Array) -> tuple[Array, Array]:

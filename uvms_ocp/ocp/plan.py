@@ -37,7 +37,7 @@ class Plan(TableDisplay):
     levels: tuple[LevelReport, ...]
     """Outcome of each level."""
     solve_time: float
-    """[s]"""
+    """[s] time of the solver."""
     result: LexicographicResult | None = None
     """Result of the solver, from which the next solve may start."""
     clearance: ClearanceReport | None = None

@@ -48,7 +48,7 @@ class LevelReport:
     status: str
     """Status of its solve."""
     advice: str
-    """What to do about that status."""
+    """Advice for that status."""
     residual: float
     """Root of twice its cost, in the root of the unit of weighted rows squared: of the squares of
     the distances of weighted rows to their range at the ends of phases, and of the mean of these
@@ -77,8 +77,8 @@ class VerdictTolerances(MetaValue):
     force_between: float = 1e-2
     """[share of the limit] Excess of thrust and torque anywhere else in a step."""
     ranges: float = 3e-4
-    """[unit of the quantity] Of positions, velocities, accelerations and rows of constraints, at
-    nodes and between.
+    """[unit of the quantity] Excess of positions, velocities, accelerations and rows of constraints
+    over their ranges, at nodes and between.
     """
     clearance: float = 1e-3
     """[m] Lack of distance between shapes, at nodes and between."""
@@ -147,7 +147,7 @@ class ClearanceValues(MetaValue):
     undecided: bool
     n_samples: int
     distance: float
-    """[m]"""
+    """[m] smallest distance."""
     time: Number
     pair: str
 
@@ -162,9 +162,9 @@ class PlanValues(MetaValue):
     robot: str
     duration: Number
     energy: float | None
-    """[J]"""
+    """[J] electrical energy; `None` where it is not known."""
     peak_thrust: float | None
-    """[N]"""
+    """[N] largest thrust; `None` without thrusters."""
     iterations: int
     solve_time: Number
     levels: tuple[LevelReport, ...]

@@ -197,7 +197,7 @@ class Planner:
         return replace_unchecked(plan, reason=plan.reason + note)
 
     def _refusal(self, problem: OcpProblem) -> tuple[OcpStatus, str] | None:
-        """Status and reason where the start alone shows that there is no motion."""
+        """Return status and reason where the start alone shows that there is no motion."""
         obstruction = self.transcription.obstruction(problem)
         if obstruction is not None:
             name, depth = obstruction

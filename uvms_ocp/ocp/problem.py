@@ -35,8 +35,8 @@ class Integrator(Enum):
 
 
 class Actuation(Enum):
-    """What moves a vehicle. THRUSTERS: within each thruster's limits, through the thruster matrix.
-    WRENCH: any wrench on the vehicle.
+    """Actuators of the vehicle. THRUSTERS: within each thruster's limits, through the thruster
+    matrix. WRENCH: any wrench on the vehicle.
     """
 
     THRUSTERS = "thrusters"

@@ -190,7 +190,7 @@ class Refinement:
         return admissible(motion, self.problem.robot)
 
     def _mismatch(self, best: RefinedResult, path: Trajectory) -> float:
-        """[m] By how much rows that follow the motion are off at it."""
+        """Compute the largest error [m], at the motion, of rows that follow it."""
         times: list[float] = (self.t0 + self.problem.nominal_times()).tolist()
         return max(
             (term.mismatch(times, best.written_at, path.q) for term in self._terms), default=0.0
@@ -207,21 +207,22 @@ class Refinement:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Reach:
-    """How far joints may go in a round from where its rows are written: a trust region, without
-    which rounds throw a motion to and fro between two places, each of which is right only by the
-    rows of the other one.
+    """Trust region of a round: by how much joints may move from where its rows are written. Without
+    it a motion goes to and fro between two places, each of which is right only by the rows of the
+    other.
     """
 
     radius: float = np.inf
-    """[m, rad] for the next round."""
+    """[m, rad] largest change of joints in the next round."""
     off: float = np.inf
     """[m] Largest error of rows after the last round."""
     was_reached: bool = False
     """The last round went as far as it might."""
 
     def after(self, off: float, moved: float) -> Reach:
-        """Halve it where rows are off by no less than before after a round that moved the joints by
-        so much [m, rad]; double it where it was in the way of rows that agree.
+        """Return the region of the next round, after one that moved the joints by `moved` [m, rad]
+        and whose rows are `off` [m]: half of it where rows agree no better than before, twice of it
+        where they agree and it was reached.
         """
         was_reached = moved >= _AT_THE_END * self.radius
         if off > max(AGREES, _FALLS * self.off):
@@ -239,7 +240,7 @@ class RefinedResult:
 
     result: LexicographicResult
     p: np.ndarray
-    """(n_p,) [unit of the parameter]"""
+    """(n_p,) [unit of the parameter] parameters of the program."""
     written_at: np.ndarray
     """(n_nodes, n_q) [m, rad] configurations at which terms that follow the guess were written."""
     tightened: Tightening
@@ -309,5 +310,5 @@ def _gain(before: LexicographicResult, after: LexicographicResult) -> float:
 
 
 def held_apart(problem: OcpProblem) -> list[ShapeClearance]:
-    """Constraints on shapes, which are to be kept between nodes too."""
+    """Return the constraints on shapes, which are to be kept between nodes too."""
     return [term for term in problem.constraints if isinstance(term, ShapeClearance)]

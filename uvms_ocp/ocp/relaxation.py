@@ -159,9 +159,9 @@ class _ElasticRows:
     raw: np.ndarray
     """(m,) rows of the transcription."""
     lower: np.ndarray
-    """(m,) [unit of the row]"""
+    """(m,) [unit of the row] lower bounds."""
     upper: np.ndarray
-    """(m,) [unit of the row]"""
+    """(m,) [unit of the row] upper bounds."""
     grouped: GroupIndex
 
 

@@ -67,13 +67,14 @@ class OcpRequest:
     seabed: Bound = -np.inf
     """[m] height in W of a level floor to keep clear of; none by default."""
     duration: Positive = 8.0
-    """[s]"""
+    """[s] length of the motion."""
     n_steps: AtLeastOne = 40
     current: FiniteTriple = (0.0, 0.0, 0.0)
     """[m/s] Velocity of the water in W."""
     plugin: str = AUTO
     time_limit: Positive = DAY
-    """[s] for the solver; by default its iterations end it, however busy the machine is."""
+    """[s] time limit of the solver; by default its iterations end it, however busy the machine is.
+    """
 
 
 @checked_dataclass(slots=False, eq=False)

@@ -50,13 +50,13 @@ class StageSymbols:
 
     tick: TickSymbols
     acceleration: ca.SX
-    """(n_v,) [m/s2, rad/s2]"""
+    """(n_v,) [m/s2, rad/s2] accelerations."""
     thrust: ca.SX
     """(n_thrusters,) [N]; with `Actuation.WRENCH` (n_vehicle,) [N, N m]."""
     thrust_share: ca.SX
     """(n_thrusters,) thrust in shares of the limits."""
     torque: ca.SX
-    """(n_joints,) [N m or N]"""
+    """(n_joints,) [N m or N] torques of the joints."""
     torque_share: ca.SX
     """(n_joints,) torque in shares of the limits."""
 

@@ -21,9 +21,7 @@ COARSE_STEPS = 8
 _POSTURES = 16  # postures from which a search begins, beside that of the start
 
 TOLERANCE = 1e-4
-"""[m, rad] by which a solver that kept limits of positions may have passed them, ten times its
-own.
-"""
+"""[m, rad] violation of limits of positions that counts as none: ten times that of solvers."""
 
 
 @checked_dataclass(eq=False)
@@ -31,11 +29,11 @@ class Trajectory:
     """States at nodes and inputs of steps."""
 
     t: np.ndarray
-    """(N + 1,) [s]"""
+    """(N + 1,) [s] times of the nodes."""
     q: np.ndarray
-    """(N + 1, n_q) [m, rad]"""
+    """(N + 1, n_q) [m, rad] configurations at the nodes."""
     v: np.ndarray
-    """(N + 1, n_v) [m/s, rad/s]"""
+    """(N + 1, n_v) [m/s, rad/s] velocities at the nodes."""
     a: np.ndarray
     """(N, n_v) [m/s2, rad/s2] constant over each step."""
     thrust: np.ndarray
@@ -43,7 +41,7 @@ class Trajectory:
     (N, n_vehicle) [N, N m].
     """
     torque: np.ndarray
-    """(N, n_joints) [N m or N]"""
+    """(N, n_joints) [N m or N] torques of the joints over each step."""
     of_wrench: bool = False
     """`thrust` is the wrench of `Actuation.WRENCH`, whose electrical power no one knows."""
 

@@ -17,7 +17,7 @@ class BlockTridiagonal:
     """A symmetric block-tridiagonal matrix, stored as its lower half."""
 
     diagonal: Array
-    """(n, b, b) [A]"""
+    """(n, b, b) [A] blocks on the diagonal."""
     below: Array
     """(n - 1, b, b) [A] row node j + 1, column node j."""
 
@@ -31,7 +31,7 @@ class BlockTridiagonal:
         return BlockTridiagonal(diagonal=factor * self.diagonal, below=factor * self.below)
 
     def times(self, x: Array) -> Array:
-        """Product (n, b) [A x] with x (n, b) [x]."""
+        """Compute the product (n, b) [A x] with x (n, b) [x]."""
         result = (self.diagonal @ x[..., None])[..., 0]
         result[1:] += (self.below @ x[:-1, :, None])[..., 0]
         result[:-1] += (self.below.transpose(0, 2, 1) @ x[1:, :, None])[..., 0]

@@ -109,9 +109,7 @@ class BoundedMotion(Protocol):
         ...
 
     def intervals(self) -> tuple[Array, Array]:
-        """Middle and half length (n,) [s] of the intervals that are looked at first; they cover all
-        of it.
-        """
+        """Return middle and half length (n,) [s] of the first intervals; they cover all of it."""
         ...
 
     def distances(self, t: Array) -> Array:

@@ -38,7 +38,7 @@ class NearPairs:
     pair: Indices
     """(n,) index of the pair in the scene."""
     distance: Array
-    """(n,) [m]"""
+    """(n,) [m] distance, negative where they overlap."""
     gradient: Array
     """(n, n_axes) [m per unit of the axis] derivative of the distance."""
     screws: Array
@@ -54,9 +54,9 @@ class Contacts:
     """Contacts of the nearest pairs: one row per sample and pair, the samples in their order."""
 
     sample: Indices
-    """(n,)"""
+    """(n,) index of the sample of each contact."""
     pair: Indices
-    """(n,)"""
+    """(n,) index of the pair in the scene."""
     distance: Array
     """(n,) [m] signed."""
     normal: Array
@@ -74,13 +74,13 @@ class _Bounds:
     """
 
     x: Array
-    """(n, n_axes) [m, rad]"""
+    """(n, n_axes) [m, rad] configurations at the samples."""
     lower: Array
-    """(n, n_pairs) [m]"""
+    """(n, n_pairs) [m] lower bounds."""
 
     def moved_to(self, x: Array, scene: CollisionScene) -> None:
-        """Bounds at x: unknown for a new set of samples, else less by what the motion can have
-        cost.
+        """Return the bounds at x: unknown for a new set of samples, else reduced by what the motion
+        can have taken from the distances.
         """
         if x.shape != self.x.shape:
             self.lower = np.full((x.shape[0], scene.n_pairs), -np.inf)
@@ -117,9 +117,9 @@ class CoalDistances:
         return self.distances_at(self.scene.coordinates.configurations(x))
 
     def distances_at(self, q: Configurations, chosen: ChosenPairs | None = None) -> Array:
-        """Signed distances (n, n_pairs) [m] at configurations q (n, n_q) [m, rad]; infinite for
-        pairs that are not chosen (n, n_pairs), by default all are. Raises `InvalidInput` for what
-        chooses by other than truth values.
+        """Compute signed distances (n, n_pairs) [m] at configurations q (n, n_q) [m, rad]; infinite
+        for pairs that are not chosen (n, n_pairs), by default all are. Raises `InvalidInput` for
+        what chooses by other than truth values.
         """
         result = np.full((len(q), self.scene.n_pairs), np.inf)
         data = self._geometry_data

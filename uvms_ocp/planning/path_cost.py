@@ -27,11 +27,11 @@ class Penalty:
     """Value, first and second derivative of a penalty by what is penalised."""
 
     value: Array
-    """(...) [-]"""
+    """(...) [-] value."""
     slope: Array
-    """(...) [1/value]"""
+    """(...) [1/value] first derivative."""
     curvature: Array
-    """(...) [1/value^2]"""
+    """(...) [1/value^2] second derivative."""
 
 
 def penalty(y: Array) -> Penalty:
@@ -80,11 +80,11 @@ class LinkSpeeds:
     """Speeds of links near obstacles and their derivatives, one row per near pair."""
 
     speed: Array
-    """(n,) [m/s]"""
+    """(n,) [m/s] speed of the link."""
     by_position: Array
-    """(n, n_axes) [m/s per m or rad]"""
+    """(n, n_axes) [m/s per m or rad] derivative by the position of the axes."""
     by_rate: Array
-    """(n, n_axes) [m/s per m/s or rad/s]"""
+    """(n, n_axes) [m/s per m/s or rad/s] derivative by the rates of the axes."""
 
 
 def link_speeds(
@@ -211,7 +211,7 @@ class LocalModel:
     parts: CostParts
     """The cost."""
     gradient: Array
-    """(n_nodes, k n_axes) [1/m, 1/rad]"""
+    """(n_nodes, k n_axes) [1/m, 1/rad] gradient."""
     hessian: BlockTridiagonal
     """Gauss-Newton matrix in blocks (k n_axes, k n_axes) [1/m2, 1/rad2] of nodes."""
     n_axes: int

@@ -53,8 +53,8 @@ class SamplingOptions:
 def sampled_waypoints(
     distances: PairDistances, start: Place, goal: Place, options: SamplingOptions | None = None
 ) -> Array | None:
-    """Way points (n, n_axes) [m, rad] whose straight legs are free of collision, or None where none
-    were found in time.
+    """Find way points (n, n_axes) [m, rad] whose straight legs are free of collision, or None where
+    none were found in time.
 
     start and goal (n_axes,) [m, rad].
     """
@@ -70,8 +70,8 @@ def sampled_waypoints(
 
 
 def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -> float:
-    """Fraction of the straight edge from a to b (n_axes,) [m, rad] that certainly keeps the
-    clearance [m]; 1 is all of it.
+    """Return the fraction of the straight edge from a to b (n_axes,) [m, rad] that certainly keeps
+    the clearance [m]; 1 is all of it.
 
     Advances by the distance at hand over the fastest approach any pair can make, so nothing is
     skipped.
@@ -174,8 +174,8 @@ def _extended(
 def _shortened(
     distances: PairDistances, path: Array, rng: np.random.Generator, options: SamplingOptions
 ) -> Array:
-    """Straight cuts between random points of the path where they are free, then no vertex that can
-    be left out.
+    """Cut straight between random points of a path where that is free, then leave out each vertex
+    that can be left out.
     """
     for _ in range(_SHORTCUTS):
         if len(path) < 3:

@@ -103,7 +103,7 @@ class CollisionPlan:
     iterations: int
     attempts: int
     solve_time: float
-    """[s]"""
+    """[s] time of the search."""
 
     @property
     def collision_free(self) -> bool:
@@ -170,8 +170,8 @@ def _rank(plan: CollisionPlan) -> tuple[bool, bool, float]:
 def straight_guess(
     waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None
 ) -> PiecewisePolynomial:
-    """Minimum snap through waypoints (n, n_axes) [m, rad], at times (n,) [s] or as fast as the
-    limits allow.
+    """Make the minimum-snap curve through waypoints (n, n_axes) [m, rad], at times (n,) [s] or as
+    fast as the limits allow.
     """
     if times is not None:
         return min_snap(waypoints, times).trajectory
@@ -213,11 +213,11 @@ class _PathProblem:
 
     cost: PathCost
     breaks: Array
-    """(n_nodes,) [s]"""
+    """(n_nodes,) [s] times of the nodes."""
     start: Array
     """(n_nodes, k n_axes) [m, rad] variables of the cost."""
     free: Mask
-    """(n_nodes, k n_axes)"""
+    """(n_nodes, k n_axes) True for variables that may change."""
     timed: bool
     """Times were given."""
 
@@ -304,7 +304,9 @@ class _PathProblem:
 
 
 def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
-    """Breaks split evenly into at least ``pieces`` pieces, and which of them were breaks before."""
+    """Return the breaks split evenly into at least ``pieces`` pieces, and which of them were breaks
+    before.
+    """
     each = max(1, -(-pieces // (breaks.size - 1)))
     parts = [np.linspace(a, b, each, endpoint=False) for a, b in itertools.pairwise(breaks)]
     return np.concatenate([*parts, breaks[-1:]]), np.arange(0, each * (breaks.size - 1) + 1, each)

@@ -22,9 +22,9 @@ CHANCE = 0.95
 
 _RATE_TOLERANCE = 1.02  # share of a joint's limit of velocity up to which it counts as kept
 _RATE_TOLERANCE_IN_FAULT = 1.2  # the same, while a fault is new
-_NEW_FAULT = 0.5  # [s] that a fault is new, and its end
+_NEW_FAULT = 0.5  # [s] for which a fault, or its end, is new
 _AT_STOP = 1e-9  # [rad or m] beyond a limit of position, from which on a stop pushes back
-_TOUCH = 0.1  # [s] for which a joint that only touches its stop is beyond its limit
+_TOUCH = 0.1  # [s] for which a joint that only touches its stop may be beyond its limit
 
 
 @checked

@@ -75,8 +75,8 @@ class PlannedMotion:
         return self.scene.nearest(self.t, self.distances)
 
     def goal_pose(self) -> pin.SE3 | None:
-        """X_WF at the end, of the frame that has a goal, else of the tool; `None` without such a
-        frame.
+        """Return X_WF at the end, of the frame that has a goal, else of the tool; `None` without
+        such a frame.
         """
         robot = self.request.robot
         goal = self.request.goal
@@ -88,8 +88,8 @@ class PlannedMotion:
         return None
 
     def tool_error(self) -> dict[str, float] | None:
-        """Distance [m] and angle [rad] of the frame from its goal at the end; `None` for the goal
-        of a posture.
+        """Return distance [m] and angle [rad] of the frame from its goal at the end; `None` for the
+        goal of a posture.
         """
         goal = self.request.goal
         X_WF = self.goal_pose()

@@ -41,7 +41,7 @@ class _AsRead:
     content: list[Any]
     """Stamps of its mesh files, model, visual and collision shapes, copied."""
     warnings: tuple[str, ...]
-    """What its files leave open."""
+    """Sentences on what its files leave open."""
 
 
 _loaded = WeakSet[Robot]()

@@ -43,7 +43,7 @@ class RobotProposal:
     questions: tuple[str, ...]
     """Questions that the URDF leaves open, one line each, with how to answer."""
     reasons: tuple[str, ...]
-    """Which part of the mechanism has which role, and why, one line each."""
+    """Roles of the parts of the mechanism with their reasons, one line each."""
     robot: Robot
     """The robot that comes of both."""
 

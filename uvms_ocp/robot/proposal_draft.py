@@ -88,7 +88,7 @@ class ProposalDraft:
     """Frame that the user named."""
     thrusters: list[ProposedThruster]
     simulator: SimulatorBlocks
-    """What the file states of water for simulators."""
+    """Statements of the file about water for simulators."""
 
     def stated_of(self, link: str) -> Mapping[str, Any]:
         """Return the coefficients of a link that the file states, none for another link."""

@@ -62,9 +62,9 @@ class SimulatorThruster:
     minimum: float | None
     """[N]; `None` where none is stated, as for the next two."""
     maximum: float | None
-    """[N]"""
+    """[N] largest thrust."""
     time_constant: float | None
-    """[s]"""
+    """[s] time constant."""
 
 
 def simulator_thrusters(root: Element) -> Iterator[tuple[SimulatorThruster, list[str]]]:

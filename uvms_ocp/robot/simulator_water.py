@@ -64,7 +64,7 @@ class SimulatorBlocks:
     thrusters: list[SimulatorThruster] = field(default_factory=list)
     """Thrusters in the order of the file."""
     density: float | None = None
-    """[kg/m3] of the water; `None` where no plugin states it."""
+    """[kg/m3] density of the water; `None` where no plugin states it."""
     unread: list[str] = field(default_factory=list)
     """Elements of plugins that are not used, one line each."""
 

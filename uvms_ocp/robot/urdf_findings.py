@@ -20,8 +20,8 @@ class Findings:
         self.notes: list[str] = []
 
     def attempt(self, check: Callable[..., _T], *args: Any) -> _T | None:
-        """The result of a check, `None` where it raises: what it raises becomes a fault of the
-        file.
+        """Return the result of a check; `None` where it raises, and its error becomes a fault of
+        the file.
         """
         try:
             return check(*args)

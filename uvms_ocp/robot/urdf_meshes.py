@@ -78,7 +78,7 @@ def _is_package(folder: Path, package: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ColladaAsset:
-    """What a Collada file states of its coordinates."""
+    """Statements of a Collada file about its coordinates."""
 
     metres: float = 1.0
     """Length of its unit [m]."""

@@ -41,7 +41,7 @@ _MOST_PLACES = 3000
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RunOutcome:
-    """How a run ended."""
+    """End of a run."""
 
     q: np.ndarray
     """(n_q,) [m, rad] the true configuration."""

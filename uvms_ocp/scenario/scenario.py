@@ -114,7 +114,7 @@ class Scenario(FieldTable):
     gains: VelocityGains = field(default_factory=VelocityGains)
     """Gains of the dynamic layer, lowered where sensors are late; the kinematic plant has none."""
     load: LoadLearning | None = None
-    """How the dynamic layer learns what the tool carries; by default it does not."""
+    """Learning of what the tool carries, by the dynamic layer; `None` for none."""
     plant_robot: Robot | None = None
     """Robot that moves in the water, where it differs from the controller's."""
     seed: Count = 0

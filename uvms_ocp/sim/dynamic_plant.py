@@ -175,7 +175,7 @@ class DynamicPlant(Plant):
         return {name: array.copy()[()] for name, array in self.telemetry_in_memory().items()}
 
     def telemetry_in_memory(self) -> dict[str, np.ndarray]:
-        """Telemetry on the memory of the kernel."""
+        """Return telemetry on the memory of the kernel."""
         arrays = self._arrays
         telemetry = {name: getattr(arrays, name) for name in _TELEMETRY}
         telemetry["joint_energy"] = arrays.joint_energy.reshape(())

@@ -290,7 +290,7 @@ class PlantMemory(Layout):
     brake: float
     """1 where the brakes are locked, 0 where they are open."""
     torque: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [N m or N] that the motors gave in the last step."""
+    """(n_joints,) [N m or N] torques of the motors in the last step."""
     contact: Annotated[Vector, Sized("n_points")]
     """(n_points,) [N] contact forces of the last step."""
     v_before: Annotated[Vector, Sized("n_v")]

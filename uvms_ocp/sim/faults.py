@@ -97,15 +97,15 @@ class FaultModel:
         return self.fewest
 
     def range_of(self, index: int) -> ValueRange:
-        """Allowed range of the value at index."""
+        """Return the allowed range of the value at index."""
         if self.for_each:
             return self.values[0]
         return self.values[index]
 
 
 def _families() -> dict[str, dict[str, FaultModel]]:
-    """Kinds in the table ``faults.toml``; encoders have those of sensors that concern the values of
-    a reading.
+    """Read the kinds in the table ``faults.toml``; encoders have those of sensors that concern the
+    values of a reading.
     """
     table = tomllib.loads((files("uvms_ocp.sim") / "faults.toml").read_text(encoding="utf-8"))
     families = dict[str, dict[str, FaultModel]]()

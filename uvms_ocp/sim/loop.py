@@ -163,7 +163,7 @@ class SingleTicks:
         self.t = 0.0
         """Time [s] of the newest tick; 0 before the first."""
         self.readings: Readings | None = None
-        """What the sensors told at the newest tick."""
+        """Readings of the sensors at the newest tick."""
         self.estimate: StateEstimate | None = None
         """What the estimator made of it."""
         self.command: Command | None = None

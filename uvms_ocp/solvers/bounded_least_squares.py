@@ -173,17 +173,17 @@ class BoundedProblem(Layout):
     rows: int
     columns: int
     A: Annotated[list[Vector], Sized("m", "n")]
-    """[b/x]"""
+    """[b/x] matrix."""
     b: Annotated[Vector, Sized("m")]
-    """[b]"""
+    """[b] right sides."""
     lower: Annotated[Vector, Sized("n")]
-    """[x]"""
+    """[x] lower bounds."""
     upper: Annotated[Vector, Sized("n")]
-    """[x]"""
+    """[x] upper bounds."""
     weight: Annotated[Vector, Sized("n")]
-    """[1/x^2]"""
+    """[1/x^2] weights of the squares of x."""
     started: bool
-    """X is inside the bounds, and near the answer."""
+    """True where x is inside the bounds and near the answer."""
     x: Annotated[Vector, Sized("n")]
     """[x] the answer."""
     # Of variables that have the weight 1.
@@ -370,5 +370,7 @@ def _most_wrong(problem: BoundedProblem) -> int:
 
 
 def room_for(n: int) -> int:
-    """Variables n rounded up, so that problems of nearly one size share a compiled kernel."""
+    """Round a number n of variables up, so that problems of nearly one size share a compiled
+    kernel.
+    """
     return max(_SIZE_STEP, -(-n // _SIZE_STEP) * _SIZE_STEP)

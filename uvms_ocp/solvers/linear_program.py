@@ -10,7 +10,7 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.solvers.bounded_least_squares import dot
 
-_SMALLEST_PIVOT = 1e-9  # of prices and pivots of about 1, and of rows relative to what is in them
+_SMALLEST_PIVOT = 1e-9  # for prices and pivots of about 1, and rows relative to their largest entry
 _ROUNDS_PER_VARIABLE = 50  # pivots after which a program counts as without an optimum
 
 

@@ -26,8 +26,8 @@ from uvms_ocp.types import Finite, Positive
 
 
 def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:
-    """Altitude [m] of the altimeter above the floor: the z component of its beam in W ([Gao2022]
-    eq. 16).
+    """Compute the altitude [m] of the altimeter above the floor: the z component of its beam in W
+    ([Gao2022] eq. 16).
     """
     R_WS, _ = symbols.kinematics.pose(frame)
     return R_WS[2, 2] * symbols.altimeter_range

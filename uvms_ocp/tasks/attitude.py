@@ -42,8 +42,8 @@ _OVERHEAD = 1e-3  # [m] horizontal distance below which the direction to a targe
 
 
 def misalignment(a: ca.SX, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Angle theta [rad] in [0, pi] and unit axis n (3,) of the rotation that takes unit vector a to
-    unit vector b.
+    """Compute the angle theta [rad] in [0, pi] and unit axis n (3,) of the rotation that takes unit
+    vector a to unit vector b.
 
     Where a and b are parallel the axis is `fallback`, so that theta = pi can be left and theta = 0
     is no 0 / 0.
@@ -93,8 +93,8 @@ class AngleTask(Task):
         return directions
 
     def _turn(self, symbols: TickSymbols, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Angle [rad] and axis (3,) in W of the rotation towards b (3,) as far as that is driven,
-        as of `misalignment`.
+        """Compute angle [rad] and axis (3,) in W of the rotation towards b (3,) as far as that is
+        driven, as of `misalignment`.
 
         Both are 0 where b has no part in the plane in which the axis is turned, and where it is
         turned to b; where nothing turns it the axis (3,) is.
@@ -129,7 +129,8 @@ class AngleTask(Task):
     def _angle_rows(
         self, symbols: TickSymbols, theta: ca.SX, row: ca.SX, quantities: dict[str, ca.SX]
     ) -> Rows:
-        """Rows that hold d theta / dt = `row` @ v at a rate that brings theta inside `aim`.
+        """Build the rows that hold d theta / dt = `row` @ v at a rate that brings theta inside
+        `aim`.
 
         What translation and axes that nobody drives make of it comes as it is measured, and is not
         asked for.
@@ -170,9 +171,9 @@ class HorizontalAttitude(AngleTask):
     saturation: Positive = 0.5
     """[rad/s] Largest rate that is asked for."""
     activation: SmoothActivation = SmoothActivation(0.025, 0.1)
-    """[rad]"""
+    """[rad] angles between which the task is activated."""
     aim: Positive = 0.025
-    """[rad]"""
+    """[rad] angle within which the vehicle is to be."""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Tilt <= `aim` [rad]."""
@@ -265,9 +266,9 @@ class Alignment(TargetTask):
     saturation: Positive = 0.2
     """[rad/s] Largest rate that is asked for."""
     activation: SmoothActivation = SmoothActivation(0.0, 0.07)
-    """[rad]"""
+    """[rad] angles between which the task is activated."""
     aim: Positive = 0.035
-    """[rad]"""
+    """[rad] angle within which the vehicle is to be."""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Angle to the target's horizontal direction <= `aim` [rad]; free below or above the
@@ -312,9 +313,9 @@ class FieldOfView(TargetTask):
     saturation: Positive = 0.3
     """[rad/s] Largest rate that is asked for."""
     activation: SmoothActivation = SmoothActivation(0.3, 0.5)
-    """[rad]"""
+    """[rad] angles between which the task is activated."""
     aim: Positive = 0.4
-    """[rad]"""
+    """[rad] angle within which the vehicle is to be."""
 
     def __post_init__(self) -> None:
         TargetTask.__post_init__(self)

@@ -36,7 +36,7 @@ class Clearance(Task):
     n_nearest: int = 8
     """Rows."""
     threshold: Positive = 0.1
-    """[m]"""
+    """[m] distance to be kept."""
     margin: Positive = 0.2
     """[m] range of the activation beyond the threshold."""
     gain: Positive = 0.5

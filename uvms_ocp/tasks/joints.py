@@ -142,15 +142,15 @@ class _JointRow(NamedTuple):
     """Row of one joint with a limit on each side, as in `Rows`."""
 
     rate: ca.SX
-    """[rad/s or m/s]"""
+    """[rad/s or m/s] desired rate."""
     lower: ca.SX
-    """[rad/s or m/s]"""
+    """[rad/s or m/s] smallest rate."""
     upper: ca.SX
-    """[rad/s or m/s]"""
+    """[rad/s or m/s] largest rate."""
     activation: ca.SX
     """Activation in [0, 1]."""
     margin: ca.SX
-    """[rad or m] to the nearer limit."""
+    """[rad or m] distance to the nearer limit."""
 
 
 @checked_dataclass(eq=False)

@@ -80,7 +80,7 @@ class NearestPairs:
         return np.concatenate([[smallest], distance, closing, gradient.ravel(order="F")])
 
     def far_away(self) -> np.ndarray:
-        """Parameters (n_parameters,) of pairs that are far away and do not move."""
+        """Return the parameters (n_parameters,) of pairs that are far away and do not move."""
         far = np.full(self.n_rows, FAR)
         return self.parameters(
             smallest=FAR,

@@ -129,13 +129,13 @@ class Task(ABC):
     @determined_by_goal
     @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
-        """Goal at time t [s] as a parameter vector (n_parameters,); for `nearest_pairs`, that
-        nothing is near.
+        """Return the goal at time t [s] as parameters (n_parameters,); those of `nearest_pairs` say
+        that nothing is near.
         """
         return np.zeros(0)
 
     def with_goal(self, goal: Any) -> Task:
-        """This task with another goal; raises `InvalidInput` where the task has none."""
+        """Return the task with another goal. Raises `InvalidInput` where the task has none."""
         if "goal" not in {item.name for item in fields(self)}:
             raise InvalidInput(
                 f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the"
@@ -186,7 +186,7 @@ class TickSymbols:
     """[s] control period."""
 
     def velocity_rows(self, indices: list[int]) -> ca.SX:
-        """Jacobian (m, n_v) that selects generalized velocities."""
+        """Return the Jacobian (m, n_v) that selects generalized velocities."""
         return ca.SX.eye(self.robot.n_v)[indices, :]
 
     @property
@@ -213,13 +213,13 @@ class Rows:
     """Rows that a task sets on v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``."""
 
     jacobian: ca.SX
-    """(m, n_v) [unit of the task / m, or / rad]"""
+    """(m, n_v) [unit of the task / m, or / rad] Jacobian."""
     rate: ca.SX
-    """(m,) [unit of the task / s]"""
+    """(m,) [unit of the task / s] desired rates."""
     lower: ca.SX
-    """(m,) [unit of the task / s]"""
+    """(m,) [unit of the task / s] lower bounds."""
     upper: ca.SX
-    """(m,) [unit of the task / s]"""
+    """(m,) [unit of the task / s] upper bounds."""
     activation: ca.SX
     """(m,) internal activation in [0, 1]."""
     quantities: Mapping[str, ca.SX] = field(default_factory=dict)
@@ -240,11 +240,11 @@ class Residual:
     """
 
     value: ca.SX
-    """(m,) [unit of the task]"""
+    """(m,) [unit of the task] rows."""
     lower: np.ndarray
-    """(m,) [unit of the task]"""
+    """(m,) [unit of the task] lower bounds."""
     upper: np.ndarray
-    """(m,) [unit of the task]"""
+    """(m,) [unit of the task] upper bounds."""
 
     @property
     def n_rows(self) -> int:

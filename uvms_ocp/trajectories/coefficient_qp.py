@@ -38,9 +38,9 @@ class Bound:
     derivative: int
     """0 .. k - 1."""
     lower: float = -np.inf
-    """[axis/s^derivative]"""
+    """[axis/s^derivative] lower bound."""
     upper: float = np.inf
-    """[axis/s^derivative]"""
+    """[axis/s^derivative] upper bound."""
 
 
 @checked
@@ -114,8 +114,8 @@ class _Qp:
         return np.where(problem.fixed[:, :, axis], problem.values[:, :, axis], nodes)
 
     def _rows(self) -> ca.DM:
-        """Derivatives 0 .. k - 1 at every node (end of the last piece for the last), then their
-        continuity.
+        """Build the derivatives 0 .. k - 1 at every node (end of the last piece for the last), then
+        their continuity.
         """
         starts = self._end_rows(0.0)
         ends = self._end_rows(1.0)
@@ -128,13 +128,13 @@ class _Qp:
         return ca.vertcat(nodes, end_rows_of_piece - start_rows_of_next)
 
     def _end_rows(self, u: float) -> list[ca.DM]:
-        """Derivatives 0 .. k - 1 at unit time u of each piece, by its coefficients."""
+        """Build the derivatives 0 .. k - 1 at unit time u of each piece, by its coefficients."""
         rows = [hermite_pieces.monomial_row(u, d, 2 * self.k) for d in range(self.k)]
         matrix = ca.DM(np.stack(rows))
         return [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ matrix) for t in self.tau]
 
     def limits(self, problem: NodeProblem, axis: int) -> tuple[Array, Array]:
-        """Bounds (k, n + 1) [axis/s^d] on the node derivatives of one axis."""
+        """Return bounds (k, n + 1) [axis/s^d] on the node derivatives of one axis."""
         fixed = problem.fixed[:, :, axis]
         values = problem.values[:, :, axis]
         lower = np.where(fixed, values, -np.inf)

@@ -80,11 +80,11 @@ class NodeProblem:
     """Conditions at the nodes, checked."""
 
     times: Array
-    """(n + 1,) [s]"""
+    """(n + 1,) [s] times of the way points."""
     values: Array
     """(k, n + 1, n_axes) [axis/s^d] derivatives at the nodes; where not fixed, a starting guess."""
     fixed: Mask
-    """(k, n + 1, n_axes)"""
+    """(k, n + 1, n_axes) True for derivatives that are fixed."""
 
     @property
     def k(self) -> int:

@@ -69,8 +69,8 @@ def excess_over_limits(curve: PiecewisePolynomial, lower: Array, upper: Array) -
 
 @lru_cache
 def _to_bernstein(n_coefficients: int) -> Array:
-    """Matrix (n_coefficients, n_coefficients) from coefficients of powers to Bernstein coefficients:
-    values on the unit interval lie between the least and the largest of these.
+    """Return the matrix (n_coefficients, n_coefficients) from coefficients of powers to Bernstein
+    coefficients: values on the unit interval lie between the least and the largest of these.
     """
     n = n_coefficients - 1
     rows = np.zeros((n + 1, n + 1))
@@ -121,6 +121,8 @@ def _derivatives_at_one(k: int, n_coefficients: int) -> Array:
 
 
 def _excess(values: Array, lower: Array, upper: Array, size: Array) -> float:
-    """Largest distance of values from their bounds, relative to a size; all of (k, n, n_axes)."""
+    """Return the largest distance of values from their bounds, relative to a size; all of (k, n,
+    n_axes).
+    """
     beyond = np.maximum(lower - values, values - upper)
     return float((beyond / np.where(size > 0.0, size, 1.0)).max(initial=0.0))

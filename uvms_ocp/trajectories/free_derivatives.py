@@ -211,7 +211,7 @@ def _band(pieces: Pieces, rows: Indices, free: Mask) -> Array:
 
 
 def _factorised(band: Array, width: int) -> Array:
-    """Cholesky factor of a matrix by its lower band, of this width below the diagonal.
+    """Return the Cholesky factor of a matrix by its lower band, of this width below the diagonal.
 
     Raises `InvalidInput` where it is singular: the curve is not determined.
     """

@@ -57,7 +57,9 @@ def basis(u: Array, derivative: int, k: int) -> Array:
 
 
 def _falling(i: int, d: int) -> int:
-    """Falling factorial ``i (i - 1) ... (i - d + 1)``: factor of the d-th derivative of u^i."""
+    """Return the falling factorial ``i (i - 1) ... (i - d + 1)``: factor of the d-th derivative of
+    u^i.
+    """
     if i >= d:
         return factorial(i) // factorial(i - d)
     return 0
@@ -83,7 +85,7 @@ def _monomial_cost(k: int) -> _Rational:
 
 
 def _inverse(matrix: _Rational) -> _Rational:
-    """Gauss-Jordan with exact fractions."""
+    """Invert a matrix by Gauss-Jordan elimination with exact fractions."""
     n = len(matrix)
     rows = np.hstack([matrix, np.eye(n, dtype=int)])
     for column in range(n):

@@ -171,7 +171,8 @@ class PiecewisePolynomial(FieldTable):
     def table(
         self, period: float, derivatives: Count = 4, names: Sequence[str] | None = None
     ) -> tuple[tuple[str, ...], Array]:
-        """Column names and rows ``t, d0_axis0, d0_axis1, ..., d1_axis0, ...`` every ``period`` [s].
+        """Return column names and rows ``t, d0_axis0, d0_axis1, ..., d1_axis0, ...`` every
+        ``period`` [s].
 
         ``names`` (n_axes,) take the place of ``axis0, axis1, ...``. Raises `InvalidInput` for
         another number of them, and as `sample`.
@@ -298,7 +299,7 @@ def _horner_with_rate(coefficients: Array, u: float) -> tuple[Array, Array]:
 
 
 def _differentiated(coefficients: Array, order: int) -> Array:
-    """Coefficients of the order-th derivative by unit time, of all pieces and axes."""
+    """Return the coefficients of the order-th derivative by unit time, of all pieces and axes."""
     if order == 0:
         return coefficients
     if order >= coefficients.shape[0]:

@@ -70,7 +70,9 @@ class MotionLimits:
         return peaks / self.rows(trajectory.n_axes)
 
     def ratio(self, trajectory: PiecewisePolynomial) -> float:
-        """Largest ratio of a derivative to its limit; at most 1 when all limits are kept."""
+        """Return the largest ratio of a derivative to its limit; at most 1 when all limits are
+        kept.
+        """
         return float(np.max(self.ratios(trajectory)))
 
 
@@ -194,7 +196,7 @@ def optimal_times(
 
 
 def _best_stretch(guess: MinSnap, time_weight: float, k: int) -> float:
-    """Uniform stretch that is optimal from rest to rest, where k_T T = (2k - 1) cost."""
+    """Return the uniform stretch that is optimal from rest to rest, where k_T T = (2k - 1) cost."""
     if guess.cost == 0.0:
         return 1.0
     cost_of_time = time_weight * guess.trajectory.duration

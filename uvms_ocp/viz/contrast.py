@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
-_TEXT_CONTRAST = 4.5  # that texts have to the paper, or more
-_LINE_CONTRAST = 3.0  # that lines have to dark paper, or more
+_TEXT_CONTRAST = 4.5  # smallest contrast of texts with the paper
+_LINE_CONTRAST = 3.0  # smallest contrast of lines with dark paper
 _MIDDLE = 0.18  # luminance that is as far from black as from white
-_GREY = 0.06  # by which red, green and blue of a grey differ, or less
-_TO_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of red, green and blue
+_GREY = 0.06  # largest difference of red, green and blue in a grey
+_TO_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of red, green and blue
 
 
 def make_legible(figure: Figure, former_artists: set[Artist]) -> None:

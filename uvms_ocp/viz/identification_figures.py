@@ -37,8 +37,8 @@ _COLUMNS = 4  # of profiles beside each other
 _PREDICTORS = (BLUE, FADED, ORANGE, GREEN)
 """Colours of the calibrated vehicle, the vehicle before, and those that know less."""
 _BAR_WIDTH = 0.2  # of the distance between horizons
-_ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be anywhere
-_WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
+_ROOM = 1.15  # height of the axis over the tallest bar, without those of the vehicle before
+_WIDEST = 100.0  # [%] widest interval that is drawn: beyond it nothing is known
 
 
 @style.styled

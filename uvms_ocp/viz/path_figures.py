@@ -20,7 +20,7 @@ _FLOOR_COLOR = "#8C6D46"
 _OBSTACLE_COLOR = "#D9B48F"
 _OBSTACLE_EDGE = "#8A5A2B"
 _ENTRY = 1.4  # [in] width of an entry of the legend
-_DIRECTIONS = 48  # in which the outermost points of an obstacle are looked for
+_DIRECTIONS = 48  # directions in which the outermost points of an obstacle are looked for
 
 
 @style.styled

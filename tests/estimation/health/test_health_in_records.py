@@ -1,4 +1,4 @@
-"""From a defect to record, report and figure, and records that do not say what they should."""
+"""A defect of a sensor is in record, report and figure, and damaged series of health are refused."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ START = 2.0  # [s]
 
 @pytest.fixture(scope="module")
 def record() -> Record:
-    """A piece of Case 1 whose altimeter freezes."""
+    """Record the beginning of Case 1 with an altimeter that freezes."""
     corrupt = frozen("altimeter_range")
-    sound = SensorSuite.read
+    read_unchanged = SensorSuite.read
 
     def read(self: SensorSuite, state: State, t: float) -> Readings:
-        readings = sound(self, state, t)
+        readings = read_unchanged(self, state, t)
         if t < START:
             return readings
         return with_defect(readings, "altimeter_range", corrupt, t)
@@ -44,26 +44,25 @@ def test_record_report_and_figure_name_the_channel_and_say_why(
     record: Record, tmp_path: Path
 ) -> None:
     column = record.run_meta.channels.index("altimeter_range")
-    first = record["t"][np.argmax(record["health"][:, column] > 0)]
-    assert START < first < START + 0.7
+    detected_at = record["t"][np.argmax(record["health"][:, column] > 0)]
+    assert START < detected_at < START + 0.7
     assert not np.delete(record["health"], column, axis=1).any()
-    told = [
-        alarm.text for alarm in record.run_meta.alarms if alarm.text.startswith("altimeter_range")
-    ]
-    assert told[0].startswith("altimeter_range suspect: the same value ")
-    assert told[1].startswith("altimeter_range lost: the same value ")
+    texts = [alarm.text for alarm in record.run_meta.alarms]
+    altimeter_texts = [text for text in texts if text.startswith("altimeter_range")]
+    assert altimeter_texts[0].startswith("altimeter_range suspect: the same value ")
+    assert altimeter_texts[1].startswith("altimeter_range lost: the same value ")
     rows = {row["channel"]: row for row in sensor_health(record)}
     assert rows == {row["channel"]: row for row in summarize(record)["sensor_health"]}
     row = rows.pop("altimeter_range")
-    assert row["first_s"] == first
+    assert row["first_s"] == detected_at
     assert row["lost_s"] > 0.5
     assert row["why"].startswith("the same value ")
     assert all(row["first_s"] is None and not row["why"] for row in rows.values())
     assert figure_health(record) is not None
     record.save(tmp_path / "record.npz")
-    again = Record.load(tmp_path / "record.npz")
-    np.testing.assert_array_equal(again["health"], record["health"])
-    assert again.run_meta.channels == record.run_meta.channels
+    loaded = Record.load(tmp_path / "record.npz")
+    np.testing.assert_array_equal(loaded["health"], record["health"])
+    assert loaded.run_meta.channels == record.run_meta.channels
 
 
 @long_without_compiler

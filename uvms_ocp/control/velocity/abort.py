@@ -18,7 +18,7 @@ from uvms_ocp.robot.signals import SAME_TIME
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
-_SUNK_AFTER = 0.5  # [s] of arm or hull in the floor that is believed
+_SUNK_AFTER = 0.5  # [s] for which arm or hull must be in the floor to be believed
 _GROWTH = 0.1  # share of an error by which it grows where the robot runs away
 _CREST_SPAN = 10.0  # [s] crests are remembered for one to two of it: a swing has one in each
 
@@ -89,7 +89,7 @@ class AbortMemory(Layout):
     """[s] time since when something has been deeper in the floor than `sunk`; NaN: not asked yet.
     """
     high: Annotated[list[int], Sized("n_tasks")]
-    """(n_tasks,) which tasks keep the robot well above the floor."""
+    """(n_tasks,) 1 for tasks that keep the robot well above the floor."""
     short: bool
     """True where the limits of the thrusters kept them from what was asked for."""
     fault: bool

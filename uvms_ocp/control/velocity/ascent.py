@@ -31,9 +31,9 @@ class AscentMemory(Layout):
     known.
     """
     place: Annotated[Vector, Sized(3)]
-    """(3,) [m] of the frame in W."""
+    """(3,) [m] position of the frame in W."""
     rotation: Annotated[Vector, Sized(9)]
-    """(9,) of the frame in W, column by column."""
+    """(9,) rotation of the frame in W, column by column."""
     goal: Annotated[Vector, Sized(N_POSE)]
     """(12,) [m, -] position and rotation in W that it climbs to."""
 

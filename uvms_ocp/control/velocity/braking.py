@@ -39,15 +39,15 @@ class StopMemory(Layout):
     dt: float
     """[s] control period."""
     time: float
-    """[s] to rest from v."""
+    """[s] time to rest from v."""
     done: bool
     """The robot has come to rest."""
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] at the end of the tick."""
+    """(n_q,) [m, rad] configuration at the end of the tick."""
     v: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] of the next tick."""
+    """(n_v,) [m/s, rad/s] velocity of the next tick."""
     velocity: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] of the tick."""
+    """(n_v,) [m/s, rad/s] velocity of the tick."""
     next_q: Annotated[Vector, Sized("n_q")]
     next_v: Annotated[Vector, Sized("n_v")]
     n_limits: int

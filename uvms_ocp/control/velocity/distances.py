@@ -46,7 +46,7 @@ class PairsMemory(Layout):
     not known.
     """
     counts: Annotated[list[int], Sized("n_pairs")]
-    """(n_pairs,) which pairs are measured."""
+    """(n_pairs,) 1 for pairs that are measured."""
     value: Annotated[Vector, Sized("n_pairs")]
     """(n_pairs,) [m] distances where they were measured last, or lower bounds of them."""
     lowest: Annotated[Vector, Sized("n_pairs")]
@@ -61,7 +61,7 @@ class PairsMemory(Layout):
     chosen: Annotated[list[int], Sized("n_rows")]
     """(n,) pairs that come nearest."""
     taken: Annotated[list[int], Sized("n_pairs")]
-    """(n_pairs,) which pairs are chosen."""
+    """(n_pairs,) 1 for pairs that are chosen."""
     gradient: Annotated[list[Vector], Sized("n_rows", "n_v")]
     """(n, n_v) [-, m] gradient of each chosen distance at its place."""
 

@@ -23,7 +23,7 @@ class SpeedLimitMemory(Layout):
     step: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] largest change in one tick."""
     is_joint: Annotated[list[int], Sized("n_v")]
-    """(n_v,) which axes are joints."""
+    """(n_v,) 1 for axes of joints."""
     has_vehicle: bool
     """True where the first six axes are those of a vehicle."""
 

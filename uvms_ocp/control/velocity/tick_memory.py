@@ -69,11 +69,13 @@ class TickMemory(Layout):
     velocity_limit: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] velocity limits, infinite along axes that no thruster or motor drives."""
     reads_altitude: Annotated[list[int], Sized("n_tasks")]
-    """(n_tasks,) which tasks read the altimeter."""
+    """(n_tasks,) 1 for tasks that read the altimeter."""
     lands: Annotated[list[int], Sized("n_tasks")]
-    """(n_tasks,) which tasks ask for one altitude."""
+    """(n_tasks,) 1 for tasks that ask for one altitude."""
     rest_altitude: Annotated[Vector, Sized("n_tasks")]
-    """(n_tasks,) [m] at which tasks that read the altimeter let nothing sink before the first echo."""
+    """(n_tasks,) [m] altitude at which tasks that read the altimeter let nothing sink before the
+    first echo.
+    """
     rests_on: Annotated[list[list[int]], Sized("n_channels", "n_quantities")]
     """(n_channels, n_quantities) 1 where a quantity is unknown without the channel."""
     channel: Annotated[list[int], Sized("n_channels")]
@@ -126,14 +128,14 @@ class TickMemory(Layout):
     passive: Annotated[Vector, Sized(swing.N_PASSIVE)]
     """(4,) [rad, N] turn from the mean attitude, and unknown weight at the tool: see `N_PASSIVE`."""
     is_joint: Annotated[list[int], Sized("n_v")]
-    """(n_v,) which axes are of joints."""
+    """(n_v,) 1 for axes of joints."""
     faster: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] by which joints have lately been faster than commanded."""
+    """(n_v,) [m/s, rad/s] speed by which joints have lately exceeded their commands."""
     previous: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] commanded in the last tick, at full pace."""
     change: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] of that since the tick before it: a change of pace is none of the
-    hierarchy's, and not to be eased.
+    """(n_v,) [m/s, rad/s] difference of that velocity from the one before it, without changes of
+    pace, which are not to be smoothed.
     """
 
     # of the hierarchy
@@ -148,9 +150,11 @@ class TickMemory(Layout):
     reported: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] quantities as reported, NaN where not known."""
     phase_quantities: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [their units] what phases may end on."""
+    """(n_quantities,) [their units] quantities that transitions read."""
     last_phase_quantities: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [their units] what phases may end on, of the last tick that did not hold."""
+    """(n_quantities,) [their units] quantities that transitions read, of the last tick that did not
+    hold.
+    """
     why: int
     """`AbortReason` of the mission's end, as a number."""
     due: int

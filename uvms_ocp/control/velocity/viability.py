@@ -44,7 +44,7 @@ class ViabilityMemory(Layout):
     """
     asked: int
     place: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad]"""
+    """(n_q,) [m, rad] configuration at which Python is asked."""
     n_limits: int
     lower: Annotated[Vector, Sized("n_limits")]
     """(n_limits,) [m] the limits."""
@@ -68,15 +68,15 @@ class ViabilityMemory(Layout):
     travel: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m, rad] largest way of each axis until the robot rests."""
     near: Annotated[list[int], Sized("n_limits")]
-    """(n_limits,) which of them some position may come to."""
+    """(n_limits,) 1 for limits that some position may come to."""
     room: Annotated[Vector, Sized("n_limits")]
-    """(n_limits,) [m] by which all positions are above their floor now."""
+    """(n_limits,) [m] smallest height of the positions above their floor now."""
     base: Annotated[Vector, Sized("n_limits")]
     """(n_limits,) [m] the limits, in terms of positions."""
     position: Annotated[Vector, Sized("n_positions")]
     """(n_positions,) [m] values when they were last evaluated; of distances lower bounds."""
     counts: Annotated[list[int], Sized("n_positions")]
-    """(n_positions,) which of them may come to their limit."""
+    """(n_positions,) 1 for positions that may come to their limit."""
     floor: Annotated[Vector, Sized("n_positions")]
     """(n_positions,) [m] height over its limit that each position is to keep: 0, or where the stop
     leads, if that is below.

@@ -180,11 +180,11 @@ class ForceRows:
     """
 
     rows: ca.SX
-    """(m,) [-]"""
+    """(m,) [-] expressions of the rows."""
     lower: np.ndarray
-    """(m,) [-]"""
+    """(m,) [-] lower bounds."""
     upper: np.ndarray
-    """(m,) [-]"""
+    """(m,) [-] upper bounds."""
     inputs: np.ndarray
     """(m,) thruster, or behind them joint, of each row; -1 for wrenches."""
 

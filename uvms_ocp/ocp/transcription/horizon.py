@@ -279,7 +279,7 @@ class Entries:
     """
 
     values: ca.MX
-    """(n,)"""
+    """(n,) values."""
     rows: np.ndarray
     """(n,) row of each."""
     columns: np.ndarray

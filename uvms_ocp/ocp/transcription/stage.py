@@ -257,7 +257,7 @@ class StageModel:
         return ca.vertcat(self.moved(q, v, a, h / 2), v + h / 2 * a, a)
 
     def forces_of(self, motion: ca.SX) -> ca.SX:
-        """Generalised forces (n_v,) [N, N m] of a motion q, v and a (n_q + 2 n_v,)."""
+        """Compute the generalised forces (n_v,) [N, N m] of a motion q, v and a (n_q + 2 n_v,)."""
         n_q = self.layout.n_q
         n_v = self.layout.n_v
         q = motion[:n_q]

@@ -40,7 +40,7 @@ class TermRows:
     name: str
     model: StageModel
     parameters: ca.SX
-    """(n_parameters,)"""
+    """(n_parameters,) parameters."""
     rows: ca.SX
     """(m,) weighted rows."""
     costs: ca.SX

@@ -25,7 +25,7 @@ class SiteForce:
     minimum: float
     """[N], equal to `maximum` where the file states no limit."""
     maximum: float
-    """[N]"""
+    """[N] largest force."""
 
 
 def _actuators(root: Element, defaults: Defaults) -> Iterator[tuple[Element, dict[str, str]]]:

@@ -42,17 +42,17 @@ class WrittenJoint:
     axis: np.ndarray
     """Direction (3,) in the frame of the joint."""
     lower: float = -np.inf
-    """[rad or m]"""
+    """[rad or m] lower limit."""
     upper: float = np.inf
-    """[rad or m]"""
+    """[rad or m] upper limit."""
     velocity: float = 0.0
     """[rad/s or m/s], 0 for no limit."""
     effort: float = 0.0
     """[N m or N], 0 for no limit."""
     damping: float = 0.0
-    """[N m s/rad or N s/m]"""
+    """[N m s/rad or N s/m] viscous friction."""
     friction: float = 0.0
-    """[N m or N]"""
+    """[N m or N] dry friction."""
     mimics: tuple[str, float, float] | None = None
     """Joint that it follows, multiplier and offset."""
 

@@ -112,11 +112,11 @@ class DistanceMemory(Layout):
     placements: Annotated[Vector, Sized("n_placements")]
     """(12 n_joints,) R_WJ, row after row, and p_WJ [m] of each joint."""
     twists: Annotated[Vector, Sized("n_twists")]
-    """(6 n_axes,) of each axis of a joint, at the origin of W: linear [m, or 1], angular [1]."""
-    axes: Annotated[list[int], Sized("n_axes")]
-    """(n_axes,) which velocity turns or shifts the axis: of joints that mimic others it is the same
-    one.
+    """(6 n_axes,) twists of the axes of each joint at the origin of W: linear [m, or 1], angular
+    [1].
     """
+    axes: Annotated[list[int], Sized("n_axes")]
+    """(n_axes,) velocity that turns or shifts each axis; the same for joints that mimic others."""
     n_solids: int
     """Number of solids that are used."""
     solids: Annotated[list[gjk.Solid], Sized("n_solids")]

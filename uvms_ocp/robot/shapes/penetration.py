@@ -127,7 +127,7 @@ class Hull(Layout):
     normal: Annotated[list[Vector], Sized(FACES, 3)]
     """(n_faces, 3) outward normal of each face."""
     offset: Annotated[Vector, Sized(FACES)]
-    """(n_faces,) [m] of the face along its normal; from the origin, if that is inside."""
+    """(n_faces,) [m] distance of each face from the origin along its normal."""
     n_edges: int
     edge: Annotated[list[list[int]], Sized(FACES, 2)]
     """(n_edges, 2) points of the edges of the hole that faces leave which go."""

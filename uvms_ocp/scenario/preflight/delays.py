@@ -20,7 +20,7 @@ from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 
 DELAYS = "delays"
-_MARGIN = 1.25  # of the dead time up to which the loops are stable, over the one that is known
+_MARGIN = 1.25  # dead time up to which the loops are stable, over the known one
 _STEP = 1e-5  # [m, rad] of the difference quotients
 
 

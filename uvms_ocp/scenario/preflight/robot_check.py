@@ -71,7 +71,7 @@ class RobotFinding:
     verdict: RobotVerdict
     """Weight of the finding."""
     text: str
-    """What was found, and the cure, in one sentence."""
+    """Finding and cure, in one sentence."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

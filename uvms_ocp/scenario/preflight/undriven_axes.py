@@ -32,7 +32,7 @@ _HEAVE = 2
 _LINEAR = 3  # how many of them are lengths
 _YAW = 5
 
-_LARGEST_COUPLING = 0.4  # [rad] of another rotation that a rad of a free one takes along
+_LARGEST_COUPLING = 0.4  # [rad] rotation about another axis that comes with 1 rad about a free one
 _WHERE = ("ahead of or behind", "beside", "above or below")
 
 

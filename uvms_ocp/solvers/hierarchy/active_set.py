@@ -19,8 +19,8 @@ from uvms_ocp.types import Array
 
 
 def solver_source(n: int, sizes: Sequence[int]) -> str:
-    """C99 source for n velocities and levels of ``sizes`` rows: `solve_levels` of fallbacks.c, all
-    else static; needs libm only.
+    """Return C99 source for n velocities and levels of ``sizes`` rows: `solve_levels` of
+    fallbacks.c, all else static; needs libm only.
 
     Nothing is allocated: a call works on the stack, with 60 kB for 13 velocities and 60 rows. For L
     levels it makes at most 3 L + 3 runs, which together end after `IterationBudget.most_of_all`

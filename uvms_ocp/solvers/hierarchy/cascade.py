@@ -62,11 +62,11 @@ class _RowsAbove:
     """Rows of all levels above, with bounds widened to what was reached."""
 
     J: ca.MX
-    """(k, n)"""
+    """(k, n) Jacobian of these rows."""
     lower: ca.MX
-    """(k,)"""
+    """(k,) lower bounds."""
     upper: ca.MX
-    """(k,)"""
+    """(k,) upper bounds."""
     fixed: ca.MX
     """(k,) 1 where the row cannot move any more."""
 
@@ -80,9 +80,9 @@ class _LevelSymbols:
     J: ca.MX
     """(m, n) rows of the level."""
     lower: ca.MX
-    """(m,)"""
+    """(m,) lower bounds."""
     upper: ca.MX
-    """(m,)"""
+    """(m,) upper bounds."""
     v: ca.MX
     """(n,) result of the levels above."""
     P: ca.MX

@@ -71,11 +71,11 @@ class NegligibleRows:
     """Rows that count as nothing beside the largest, as they were given."""
 
     J: Array
-    """(k, n) [rate/velocity]"""
+    """(k, n) [rate/velocity] Jacobian."""
     lower: Array
-    """(k,) [rate]"""
+    """(k,) [rate] lower bounds."""
     upper: Array
-    """(k,) [rate]"""
+    """(k,) [rate] upper bounds."""
 
     def are_missed(self, v: Array, velocity: float) -> bool:
         """Check whether one of them could be noticeably nearer to its bounds than at v (n,)
@@ -103,9 +103,9 @@ class NormalRows:
     J: Array
     """(M, n) 0 in rows that count as nothing beside the largest."""
     lower: Array
-    """(M,) """
+    """(M,) lower bounds."""
     upper: Array
-    """(M,) """
+    """(M,) upper bounds."""
     sizes: tuple[int, ...]
     """Rows of each level."""
     box: VelocityBox
@@ -214,9 +214,9 @@ class _Region:
     """Trust region of y around v: ``-down <= y - v <= up``."""
 
     down: Array
-    """(n,) """
+    """(n,) distance from v to the lower ends of the region."""
     up: Array
-    """(n,) """
+    """(n,) distance from v to the upper ends of the region."""
     endless: Mask
     """(n,) entries that y may change beyond it."""
 
@@ -341,7 +341,7 @@ class _BoundTerms:
     """Slack, gaps and rounding of all M rows at one velocity: terms of the bound on the excess."""
 
     J: Array
-    """(M, n) """
+    """(M, n) Jacobian."""
     slack: Array
     """(M,) distance of the rows from their bounds."""
     up: Array

@@ -42,7 +42,7 @@ class Icat(core.CompiledSolver):
     """False keeps to NumPy."""
 
     def core_source(self, n: int, sizes: Sequence[int]) -> str:
-        """C99 source of the solver as an external function of CasADi; needs libm only."""
+        """Return the C99 source of the solver as an external function of CasADi; needs libm only."""
         numbers = {
             "damping": self.damping,
             "threshold": self.threshold,
@@ -129,8 +129,8 @@ class Icat(core.CompiledSolver):
         return rho + Q_J2 @ ((X @ J1) @ (rate - J @ rho)), Q - Q_J2 @ X
 
     def _regularised(self, M: Array) -> Array:
-        """Pseudo-inverse of a symmetric positive semi-definite matrix: s -> s / (s^2 + bell(s)
-        damping).
+        """Compute the pseudo-inverse of a symmetric positive semi-definite matrix: s -> s / (s^2 +
+        bell(s) damping).
         """
         s, U = np.linalg.eigh(M)
         s = np.maximum(s, 0.0)

@@ -121,17 +121,17 @@ class Stack:
     """All levels on top of each other, M rows in total."""
 
     jacobian: Array
-    """(M, n) [rate/velocity]"""
+    """(M, n) [rate/velocity] Jacobian."""
     lower: Array
-    """(M,) [rate]"""
+    """(M,) [rate] lower bounds."""
     upper: Array
-    """(M,) [rate]"""
+    """(M,) [rate] upper bounds."""
     rate: Array
-    """(M,) [rate]"""
+    """(M,) [rate] desired rates."""
     activation: Array
-    """(M,) """
+    """(M,) activations."""
     gate: Array
-    """(M,) """
+    """(M,) gates."""
     sizes: tuple[int, ...]
     """Rows of each level; their sum is M."""
 

@@ -94,7 +94,7 @@ class Solution(FieldTable):
     residuals: tuple[Array, ...]
     """(m,) [rate] per level: signed distance of J v to [lower, upper]; 0 where the gate is 0."""
     solve_time: float
-    """[s]"""
+    """[s] time of the solver."""
 
     @property
     def level_residuals(self) -> Array:
@@ -171,7 +171,7 @@ class InPlaceTick(Tick, Protocol):
 
 
 def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
-    """Raises `InvalidInput` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of
+    """Raise `InvalidInput` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of
     ``sizes``.
     """
     outputs = tuple(levels.name_out()[: len(LEVEL_OUTPUTS)])

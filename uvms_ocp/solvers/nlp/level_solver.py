@@ -37,7 +37,7 @@ class NlpPoint:
     """Start or end point of an NLP. Without multipliers a start is cold."""
 
     x: np.ndarray
-    """(n_x,) [unit of x]"""
+    """(n_x,) [unit of x] variables."""
     x_multipliers: np.ndarray | None = None
     """(n_x,) [1/unit of x] multipliers of the bounds of x."""
     row_multipliers: np.ndarray | None = None
@@ -90,9 +90,9 @@ class NlpLinearization:
     gradient: np.ndarray
     """(n_x,) [1/unit of x] gradient of the cost."""
     rows: np.ndarray
-    """(m,) [unit of the row]"""
+    """(m,) [unit of the row] rows."""
     jacobian: ca.DM
-    """(m, n_x) [unit of the row / unit of x]"""
+    """(m, n_x) [unit of the row / unit of x] slopes of the rows."""
 
 
 class OptimalityConditions:
@@ -125,8 +125,8 @@ class OptimalityConditions:
         )
 
     def error(self, point: NlpPoint, linear: NlpLinearization, bounds: RowBounds) -> float:
-        """Largest entry [1/unit of x] of the gradient of the Lagrangian, or product of a multiplier
-        with what is left to its bound, in units of the steepest cost at the point above
+        """Return the largest entry [1/unit of x] of the gradient of the Lagrangian, or product of a
+        multiplier with what is left to its bound, in units of the steepest cost at the point above
         `_STEEP_GRADIENT`; linear: the NLP at the point.
         """
         assert point.x_multipliers is not None

@@ -57,7 +57,7 @@ class LexicographicResult:
     points: tuple[level_solver.NlpPoint, ...]
     """End point of each level; a warm start for the next solve."""
     solve_time: float
-    """[s]"""
+    """[s] time of all solves."""
 
     @property
     def level_residuals(self) -> np.ndarray:

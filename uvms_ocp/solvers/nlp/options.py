@@ -57,7 +57,7 @@ class NlpOptions:
     the gradient of the cost is above 100 there, in units of a hundredth of it.
     """
     max_iterations: AtLeastOne = 150
-    """For every NLP."""
+    """Largest number of iterations of every NLP."""
     time_limit: Positive = DAY
     """[s] for all NLPs together; by default iterations end them, however busy the machine is.
     Iterations are not cut short.
@@ -94,7 +94,7 @@ class SqpOptions:
     last has ``relax``; else ``hpipm``.
     """
     max_steps: AtLeastOne = 3
-    """For every solve."""
+    """Largest number of steps of every solve."""
     accuracy: Positive = 1e-2
     """Largest violation of scaled rows with which a point counts as usable, and no further step is
     made.

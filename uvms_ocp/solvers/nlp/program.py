@@ -90,7 +90,7 @@ _STATUSES = {row["return_status"]: NlpStatus[row["status"]] for row in csv.DictR
 
 
 def status_of(stats: Mapping[str, Any]) -> NlpStatus:
-    """Status of the last call of a CasADi ``nlpsol``, from its ``stats()``."""
+    """Return the status of the last call of a CasADi ``nlpsol``, from its ``stats()``."""
     named = _STATUSES.get(str(stats.get("return_status")))
     return named or _STATUSES.get(
         str(stats.get("unified_return_status")), NlpStatus.ITERATION_LIMIT
@@ -102,7 +102,7 @@ class NlpLevel:
     """One level of a small program, as expressions: rows `y` within ``[lower, upper]``."""
 
     y: Expression
-    """(m,) [unit of the row]"""
+    """(m,) [unit of the row] rows."""
     lower: Bound | Annotated[np.ndarray, Range()] = 0.0
     """(m,), or one for all rows [unit of the row]."""
     upper: Bound | Annotated[np.ndarray, Range()] = 0.0
@@ -127,9 +127,9 @@ class LevelRows:
     name: str
     """Name of the level in errors and reports."""
     lower: np.ndarray
-    """(m,) [unit of the row]"""
+    """(m,) [unit of the row] lower bounds."""
     upper: np.ndarray
-    """(m,) [unit of the row]"""
+    """(m,) [unit of the row] upper bounds."""
     relax: float | None
     """Relaxation as in `NlpLevel`."""
     frozen: slice
@@ -150,12 +150,12 @@ class LevelRows:
             )
 
     def distance(self, y: np.ndarray) -> np.ndarray:
-        """Signed distance (m,) of the rows y (m,) [unit of the row] to their range."""
+        """Return the signed distance (m,) of the rows y (m,) [unit of the row] to their range."""
         return np.asarray(interval_distance(y, self.lower, self.upper))
 
     def kept(self, norm: float, tolerance: float) -> float:
-        """Largest norm of the residual with which a level that has reached `norm` keeps it;
-        tolerance.
+        """Return the largest norm of the residual with which a level that has reached `norm` still
+        keeps it; tolerance: allowed rise of the norm.
         """
         if self.relax is None:
             return norm + tolerance
@@ -164,8 +164,8 @@ class LevelRows:
     def frozen_bounds(
         self, y: np.ndarray, cost: float, tolerance: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the rows that keep the level where it is, at y (m,) [unit of the row] and
-        `cost`.
+        """Return the bounds of the rows that keep the level where it is, at y (m,) [unit of the
+        row] and `cost`.
 
         `tolerance`: by which the norm of its residual may rise. The rows get half of it, the
         solver's own accuracy the rest.
@@ -202,8 +202,8 @@ def nlp_functions(
     lam: Sequence[ca.MX],
     derivatives: tuple[ca.MX, ca.MX, ca.MX],
 ) -> dict[str, ca.Function]:
-    """Functions of an NLP with variables x (n,) and p (n_p,) and values f () and g (m,), as IPOPT
-    asks for them.
+    """Build the functions of an NLP with variables x (n,) and p (n_p,) and values f () and g (m,),
+    as IPOPT asks for them.
 
     lam: symbols for the multipliers of f and g. derivatives: gradient (n,) of f, Jacobian (m, n) of
     g, Hessian (n, n) of ``lam_f f + lam_g' g``, the upper triangle.
@@ -239,7 +239,7 @@ class RowRanges:
     lower: np.ndarray
     """(n_constraints,) [unit of the row] lower ends of the shared constraints."""
     upper: np.ndarray
-    """(n_constraints,) [unit of the row]"""
+    """(n_constraints,) [unit of the row] upper ends of the shared constraints."""
 
     @property
     def n_rows(self) -> int:
@@ -304,7 +304,7 @@ class RowKinds:
     """(m,) True for ranges with a finite upper bound."""
 
     def __getitem__(self, rows: slice) -> RowKinds:
-        """Kinds of some of the rows."""
+        """Return the kinds of some of the rows."""
         return RowKinds(equal=self.equal[rows], below=self.below[rows], above=self.above[rows])
 
     def same(self, other: RowKinds) -> bool:
@@ -317,7 +317,7 @@ class RowKinds:
 
 
 def row_kinds(lower: np.ndarray, upper: np.ndarray) -> RowKinds:
-    """Kinds of rows with the bounds lower and upper (m,) [unit of the row]."""
+    """Return the kinds of rows with the bounds lower and upper (m,) [unit of the row]."""
     equal = lower == upper
     return RowKinds(
         equal=equal, below=np.isfinite(lower) & ~equal, above=np.isfinite(upper) & ~equal
@@ -373,8 +373,8 @@ def lexicographic_program(
     g_lower: Annotated[np.ndarray, Range()] | Bound = 0.0,
     g_upper: Annotated[np.ndarray, Range()] | Bound = 0.0,
 ) -> LexicographicProgram:
-    """Program of a few expressions in x (n,): levels from the highest to the lowest, subject to g
-    in its bounds.
+    """Build the program of a few expressions in x (n,): levels from the highest to the lowest,
+    subject to g in its bounds.
 
     g_lower and g_upper (n_constraints,), or one for all constraints [unit of the row]. Raises
     `InvalidInput` without levels, and for bounds that do not fit.
@@ -444,13 +444,13 @@ class RowBounds:
     """
 
     x_lower: np.ndarray
-    """(n_x,) [unit of x]"""
+    """(n_x,) [unit of x] lower bounds of the variables."""
     x_upper: np.ndarray
-    """(n_x,) [unit of x]"""
+    """(n_x,) [unit of x] upper bounds of the variables."""
     lower: np.ndarray
-    """(n_rows,) [unit of the row]"""
+    """(n_rows,) [unit of the row] lower bounds of the rows."""
     upper: np.ndarray
-    """(n_rows,) [unit of the row]"""
+    """(n_rows,) [unit of the row] upper bounds of the rows."""
 
     def with_rows(self, rows: slice, bounds: tuple[np.ndarray, np.ndarray]) -> RowBounds:
         """Replace the bounds of the given rows by others, lower and upper (m,) [unit of the
@@ -467,8 +467,8 @@ class RowBounds:
         return replace(self, lower=self.lower - slacks, upper=self.upper + slacks)
 
     def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray | slice) -> float:
-        """Largest violation at x (n_x,) [unit of x], where the rows numbered `rows` (m,) are g (m,)
-        [unit of the row].
+        """Return the largest violation at x (n_x,) [unit of x], where the rows numbered `rows` (m,)
+        are g (m,) [unit of the row].
         """
         broken = interval_excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
         return float(max(broken, interval_excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
@@ -477,8 +477,8 @@ class RowBounds:
 def row_bounds(
     ranges: RowRanges, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int
 ) -> RowBounds:
-    """Bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables [unit of
-    x].
+    """Return bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables
+    [unit of x].
 
     Raises `InvalidInput` for bounds that are NaN or that no x keeps.
     """

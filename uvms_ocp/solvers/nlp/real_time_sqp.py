@@ -425,8 +425,8 @@ class SparseLevels:
         return SqpPoint(x=x, rows=rows, merit=merit)
 
     def _residual(self, i: int, x: np.ndarray, y: np.ndarray) -> float:
-        """Norm of the rows of level i, or that of its cost where the cost is what is kept: there
-        rows may weigh differently.
+        """Return the norm of the rows of level i, or that of its cost where the cost is what is
+        kept: there rows may weigh differently.
         """
         level = self._program.ranges.levels[i]
         if level.relax is None:
@@ -466,7 +466,9 @@ class StagedProgram(SelfSolving, Protocol):
     """A program whose levels are solved stage by stage."""
 
     def level_model(self, tolerance: float) -> LevelModel:
-        """Tolerance [unit of the row]: by which the norm of frozen rows may rise."""
+        """Build the model of the levels; tolerance [unit of the row]: allowed rise of the norm of
+        frozen rows.
+        """
 
 
 def _model(program: nlp.LexicographicProgram | StagedProgram, options: SqpOptions) -> LevelModel:

@@ -93,7 +93,7 @@ def slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
 
 
 def parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
-    """Views (size,) of such parts of one array (n,) [any]."""
+    """Return views (size,) of such parts of one array (n,) [any]."""
     return tuple(flat[part] for part in slices(sizes))
 
 
@@ -122,41 +122,41 @@ class StageQp:
         steps = list(zip(n_x[1:], n_z, strict=False))
         self.flat: dict[str, Array] = {}
         self.dynamics = self._matrices("dynamics", steps)
-        """(n_x[k+1], n_z[k])"""
+        """(n_x[k+1], n_z[k]) slopes of the next state."""
         self.A = tuple(F[:, :n] for F, n in zip(self.dynamics, n_x, strict=False))
-        """(n_x[k+1], n_x[k])"""
+        """(n_x[k+1], n_x[k]) slopes of the next state by the state."""
         self.B = tuple(F[:, n:] for F, n in zip(self.dynamics, n_x, strict=False))
-        """(n_x[k+1], n_u[k])"""
+        """(n_x[k+1], n_u[k]) slopes of the next state by the input."""
         self.b = self._vectors("b", n_x[1:])
-        """(n_x[k+1],)"""
+        """(n_x[k+1],) offset of the next state."""
         self.J = self._matrices("J", list(zip(n_r, n_z, strict=True)))
-        """(n_r, n_z)"""
+        """(n_r, n_z) slopes of the residuals."""
         self.r = self._vectors("r", n_r)
-        """(n_r,)"""
+        """(n_r,) residuals at z = 0."""
         self.H = self._matrices("H", list(zip(n_z, n_z, strict=True)))
-        """(n_z, n_z) symmetric."""
+        """(n_z, n_z) Hessian of the rest of the cost, symmetric."""
         self.g = self._vectors("g", n_z)
-        """(n_z,)"""
+        """(n_z,) gradient of the rest of the cost."""
         self.damping = self._vectors("damping", n_z)
-        """(n_z,)"""
+        """(n_z,) weights of the squares of z."""
         self.C = self._matrices("C", list(zip(n_c, n_z, strict=True)))
-        """(n_c, n_z)"""
+        """(n_c, n_z) rows."""
         self.lower = self._vectors("lower", n_c, -np.inf)
-        """(n_c,)"""
+        """(n_c,) lower bounds of the rows."""
         self.upper = self._vectors("upper", n_c, np.inf)
-        """(n_c,)"""
+        """(n_c,) upper bounds of the rows."""
         self.l1 = self._vectors("l1", n_c, np.inf)
-        """(n_c,)"""
+        """(n_c,) linear penalty of a missed row; infinite for hard ones."""
         self.l2 = self._vectors("l2", n_c)
-        """(n_c,)"""
+        """(n_c,) quadratic penalty of a missed row."""
         self.z_lower = self._vectors("z_lower", n_z, -np.inf)
-        """(n_z,)"""
+        """(n_z,) lower bounds of z."""
         self.z_upper = self._vectors("z_upper", n_z, np.inf)
-        """(n_z,)"""
+        """(n_z,) upper bounds of z."""
         self.z_l1 = self._vectors("z_l1", n_z, np.inf)
-        """(n_z,)"""
+        """(n_z,) linear penalty of a missed bound; infinite for hard ones."""
         self.z_l2 = self._vectors("z_l2", n_z)
-        """(n_z,)"""
+        """(n_z,) quadratic penalty of a missed bound."""
 
     def fix_initial_state(self, x: Array) -> None:
         """Begin the horizon at x (n,) [unit of x], n the states of the first stage. Raises
@@ -275,13 +275,13 @@ class StageQpSolution:
     status: StageQpStatus
     """Reliability of the rest; where INFEASIBLE, the point misses the hard rows least, in sum."""
     z: tuple[Array, ...]
-    """(n_z,) [unit of z]"""
+    """(n_z,) [unit of z] states and inputs."""
     x: tuple[Array, ...]
-    """(n_x,) [unit of x]"""
+    """(n_x,) [unit of x] states."""
     u: tuple[Array, ...]
     """(n_u,) [unit of u], N of them."""
     costate: tuple[Array, ...]
-    """(n_x,) [1/unit of x] of the step that leads to a state; 0 for x_0."""
+    """(n_x,) [1/unit of x] multipliers of the step that leads to each state; 0 for x_0."""
     y: tuple[Array, ...]
     """(n_c,) [1/unit of the row] multipliers of rows."""
     y_z: tuple[Array, ...]
@@ -298,12 +298,12 @@ class StageQpSolution:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class WarmStart:
-    """The multipliers of a QP nearby, and where to start: in arrays with stage after stage."""
+    """Point and multipliers of a QP nearby, in arrays with stage after stage."""
 
     z: Array
-    """(n,) [unit of z]"""
+    """(n,) [unit of z] point."""
     costate: Array
-    """(n_x,) [1/unit of x]"""
+    """(n_x,) [1/unit of x] multipliers of the steps."""
     y: Array
     """(M,) [1/unit of the row] multipliers of rows, then of bounds."""
 
@@ -319,9 +319,9 @@ class FlatSolution:
     status: StageQpStatus
     """Reliability of the rest."""
     z: Array
-    """(n,) [unit of z]"""
+    """(n,) [unit of z] point."""
     costate: Array
-    """(n_x,) [1/unit of x]"""
+    """(n_x,) [1/unit of x] multipliers of the steps."""
     y: Array
     """(M,) [1/unit of the row] multipliers of rows, then of bounds, positive at an upper one."""
     kkt: KktResidual

@@ -17,9 +17,9 @@ from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.shapes import hull
 from uvms_ocp.viz.scene.animation import Frames, rounded
 
-_NEGLIGIBLE = 1e-6  # [N, N m, m/s] nothing that is smaller throughout has an arrow
+_NEGLIGIBLE = 1e-6  # [N, N m, m/s] size below which, throughout, a quantity has no arrow
 _USUAL = 80  # [%] of the time in which the largest arrow is shorter than its share
-_LONGEST = 1.6  # of its share, to which longer arrows are cut
+_LONGEST = 1.6  # length to which longer arrows are cut, in shares of the largest
 Arrow = tuple[np.ndarray, np.ndarray]
 """Origin (3,) [m] of an arrow in B, and its vectors (n, 3) [its unit] in B."""
 Draw = Callable[[np.ndarray, Robot, Frames, float], Iterator[Arrow]]

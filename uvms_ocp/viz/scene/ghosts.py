@@ -28,7 +28,7 @@ class Ghost:
     rgb: tuple[float, float, float]
     """Colour (3,) from 0 to 1."""
     frames: Frames
-    """Its motion, thinned to the frames of the animation."""
+    """Motion of the ghost, thinned to the frames of the animation."""
 
 
 def ghosts_of(records: Mapping[str, Record], robot: Robot, fps: float) -> Iterator[Ghost]:

@@ -16,7 +16,7 @@ from uvms_ocp.viz.scene.page import ScenePage
 
 _HOST = "127.0.0.1"
 _MOST_CONNECTIONS = 32
-_PATIENCE = 10.0  # [s] with a browser that neither asks nor takes what it asked for
+_PATIENCE = 10.0  # [s] for which a browser may neither ask nor take an answer
 FRAMES = "/frames"
 """The path at which a live page hears of frames, as server-sent events."""
 
