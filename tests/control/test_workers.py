@@ -155,11 +155,12 @@ def test_a_solve_that_takes_too_long_is_stopped(robot: Robot) -> None:
 def test_closing_ends_the_process_and_may_be_done_twice(
     robot: Robot, beside: RunningWorker
 ) -> None:
+    """It ends by itself: killed, it left semaphores behind, of which Python warned at the end."""
     process = beside._process  # type: ignore[attr-defined]
     assert process.is_alive()
     beside.close()
     beside.close()
-    assert not process.is_alive()
+    assert process.exitcode == 0
     assert beside.status is WorkerStatus.CLOSED
     beside.ask(ReplanningRequest(state=start(robot), t=0.0, in_use=HOLD, begin=0.0, delay=PERIOD))
     assert beside.answer() is None

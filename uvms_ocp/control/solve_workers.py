@@ -29,6 +29,8 @@ _RECENT = 5
 """Solves in line by which the next one is judged."""
 _SENT = 1e-3
 """[s] time that a request and its result take between processes."""
+_FAREWELL = 1.0
+"""[s] in which a process that is closed may end by itself."""
 _PATIENCE = 3
 """Periods after which a solve beside begins no further step: a plan that comes late is of more use
 than none.
@@ -236,10 +238,14 @@ class RunningProcess:
         self._process.join()
 
     def _end(self, status: WorkerStatus) -> None:
-        """Stop the process at once, whatever it does: a solve in a library listens to nobody."""
+        """Stop the process: one that is closed has a moment to give back what it has of the system,
+        any other one ends at once, whatever it does, as a solve in a library listens to nobody.
+        """
         self.status = status
         self._selector.close()
         self._connection.close()
+        if status is WorkerStatus.CLOSED:
+            self._process.join(_FAREWELL)
         self._process.kill()
 
 
