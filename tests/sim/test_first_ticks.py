@@ -161,3 +161,47 @@ def test_nothing_falls_and_nothing_is_refused_while_late_sensors_are_awaited(
     assert tilts(np.array(record["q"])).max() < _FALLEN
     assert np.abs(record["q"][:, 2] - record["q"][0, 2]).max() < _FALLEN
     assert record.meta.alarms == ()
+
+
+ROBOTS = (
+    "bluerov2",
+    "bluerov2_alpha5",
+    "bluerov2_six_alpha5",
+    "bluerov2_two_alpha5",
+    "girona_maris7",
+    "girona_maris7_full",
+)
+_QUICK = (10, 14)  # seeds of slow ticks, each of another robot
+_DRAWN = 24
+
+
+def drawn_reach(seed: int) -> Scenario:
+    """Draw a robot, its trim up to half of its thrust, which its file states or not, delays and the
+    period of its ticks.
+    """
+    rng = np.random.default_rng(seed)
+    robot = load_robot(str(rng.choice(ROBOTS)))
+    dt = float(rng.choice((0.01, 0.02, 0.05)))
+    share = float(rng.uniform(0.0, 0.5))
+    is_stated = bool(rng.random() < 0.7)
+    position, gyro, duration = rng.uniform((0.0, 0.0, 6.0), (0.5, 0.05, 12.0)).tolist()
+    largest = largest_wrench(robot)
+    axis = int(rng.choice([axis for axis in (2, 3, 4) if largest[axis] > 1e-6]))
+    plant = out_of_trim(robot, axis, share)
+    known = plant if is_stated else robot
+    scenario = late(known, position=position, gyro=gyro, dt=dt, seed=seed)
+    return dataclasses.replace(
+        scenario, plant_robot=None if is_stated else plant, duration=duration
+    )
+
+
+@long_without_compiler
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(seed, marks=() if seed in _QUICK else pytest.mark.slow)
+        for seed in range(_DRAWN)
+    ],
+)
+def test_no_sound_channel_is_doubted_whatever_trim_delays_and_ticks_are(seed: int) -> None:
+    assert not drawn_reach(seed).run()["health"].any()
