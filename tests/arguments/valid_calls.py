@@ -260,7 +260,7 @@ def data() -> ObstacleMeta:
     return ObstacleMeta(name="rock", shape="sphere", size=(0.3,), position=(0.0, 0.0, 0.0))
 
 
-def measurement() -> StateEstimate:
+def state_estimate() -> StateEstimate:
     return StateEstimate(q=q(), v=np.zeros(robot().n_v), altimeter_range=3.0)
 
 
@@ -322,7 +322,7 @@ def tick() -> TickInputs:
     return TickInputs(
         begin=0.0,
         t=0.0,
-        measurement=measurement(),
+        estimate=state_estimate(),
         echo=3.0,
         altitude_valid=True,
         mission=state,
@@ -443,7 +443,7 @@ def nmpc_p() -> np.ndarray:
     return Transcription(problem()).parameters(problem())
 
 
-def arm_measurement() -> StateEstimate:
+def arm_estimate() -> StateEstimate:
     return StateEstimate(q=arm().configuration(), v=np.zeros(arm().n_v), altimeter_range=np.nan)
 
 
@@ -597,7 +597,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "coal.CollisionGeometry": lambda: coal.Sphere(0.2),
     "pin.SE3": pin.SE3.Identity,
     "pin.Model": lambda: robot().model,
-    "StateEstimate": measurement,
+    "StateEstimate": state_estimate,
     "State": state,
     "Readings": readings,
     "Fault": fault,
@@ -842,7 +842,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "MissionState": lambda: {"activations_before": np.zeros(13), "held_since": (None,)},
     "Mission.tasks_of": lambda: {"phase": 0},
     "NlpLevel": lambda: {"y": ca.SX.sym("x", 2)},
-    "Nmpc.__call__": lambda: {"measurement": arm_measurement()},
+    "Nmpc.__call__": lambda: {"estimate": arm_estimate()},
     "ObstacleMeta": lambda: data().model_dump(),
     "OcpProblem": lambda: fields_of(problem()),
     "OcpRequest": lambda: {"goal": tool(), "n_steps": 2},

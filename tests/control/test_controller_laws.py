@@ -143,7 +143,7 @@ def test_what_a_tick_knows_is_finite_and_cannot_be_changed(
     for k, measurement in enumerate(measurements[:100]):
         tick = control.observe(measurement, k * scenario.dt)
         assert isinstance(tick, TickInputs)
-        assert np.isfinite(tick.measurement.q).all()
+        assert np.isfinite(tick.estimate.q).all()
         assert np.isfinite(tick.echo)
         assert tick.mission is control.state
         control.command(tick)
@@ -174,7 +174,7 @@ class Asking(KinematicController):
         self.watchdog = SimpleNamespace(alarms=[])
 
     def observe(self, measurement: StateEstimate, t: float) -> SimpleNamespace:
-        return SimpleNamespace(measurement=measurement, t=t, restriction=FREE, damps_turns=False)
+        return SimpleNamespace(estimate=measurement, t=t, restriction=FREE, damps_turns=False)
 
     def command(self, tick: SimpleNamespace) -> Command:
         return Command(v=self.v0 + self.a * tick.t)

@@ -238,10 +238,10 @@ class PidOfRun:
         self.goal[:7] = pin.SE3ToXYZQUAT(task.goal)
         self.sum = np.zeros(scenario.robot.n_v)
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         gains = self.gains
-        q = measurement.q
-        v = measurement.v
+        q = estimate.q
+        v = estimate.v
         error = pin.difference(self.robot.model, q, self.goal)
         error[:3] *= min(
             1.0, 0.5 / max(1e-9, float(np.linalg.norm(error[:3])))

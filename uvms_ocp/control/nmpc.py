@@ -230,10 +230,10 @@ class Nmpc(TableDisplay):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
-        measurement = self._sound(measurement, t)
-        state = signals.unchecked_state(q=measurement.q, v=measurement.v)
+        estimate = self._sound(estimate, t)
+        state = signals.unchecked_state(q=estimate.q, v=estimate.v)
         has_acted = self._now is not None
         plan = self._followed(state, t)
         disturbance = np.zeros(self._robot.n_v)

@@ -156,7 +156,7 @@ class PlanGuide:
         if self._left:
             return _LEFT
         q, v, _ = self._trajectory.state_at(self._model, self._clock)
-        error = pin.difference(self._model, tick.measurement.q, q)
+        error = pin.difference(self._model, tick.estimate.q, q)
         why = self._why(tick, feedback, error, waiting)
         if why:
             self._left = True

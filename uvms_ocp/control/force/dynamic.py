@@ -134,7 +134,7 @@ class DynamicController(TableDisplay):
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
         tick = self.kinematic.observe(estimate, t)
-        sound = tick.measurement
+        sound = tick.estimate
         command = self.kinematic.command(tick)
         bounds = tick.restriction
         share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth

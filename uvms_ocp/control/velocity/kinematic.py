@@ -241,7 +241,7 @@ class KinematicController(TableDisplay):
         return _tick_state(
             begin=started,
             t=t,
-            measurement=estimate,
+            estimate=estimate,
             echo=arrays.echo.item(),
             altitude_valid=bool(memory.altitude_valid),
             mission=self._state,

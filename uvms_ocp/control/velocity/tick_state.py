@@ -22,7 +22,7 @@ class TickInputs:
     """[s] time at which the tick began, by the computer's clock."""
     t: float
     """[s] time of the tick."""
-    measurement: StateEstimate
+    estimate: StateEstimate
     """Newest estimate that is sound, with finite q and v."""
     echo: float
     """[m] range of the altimeter that tasks act on: carried along with the motion where there is no
