@@ -5,7 +5,8 @@ share.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 
 import pinocchio as pin
 
@@ -13,7 +14,17 @@ FIXED_ROOTS = ("world", "map", "odom", "ground")
 """Names of roots that do not move."""
 _MIN_NAMES = 3  # of which the beginning that they share is a prefix
 _LONG_WORD = 5  # letters above which a word counts in any part of a name
-_PREFIX = re.compile(r".*[/_:.\-]")
+_PARTS = re.compile(r"(?<=[/_:.\-])|(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+"""Borders of words in a name: after a separator, and before a capital as in ``leftProp``."""
+
+_WORD = re.compile(r"[a-z]{3,}")  # shorter ones are places, such as ``fl``
+_PLACE_WORDS = (
+    "left right front rear back fore aft bow stern port starboard top bottom upper lower up down"
+    " middle center centre vertical vert horizontal hor horiz lateral heave surge sway roll pitch"
+    " yaw link joint"
+)
+_PLACES = frozenset(_PLACE_WORDS.split())
+"""Words in names of parts that are alike, in other places."""
 
 _FINS = "rudder fin flap wheel"
 _SENSORS = (
@@ -41,6 +52,7 @@ _PATTERNS: Mapping[str, re.Pattern[str]] = {
     "mount": _words("mount bracket holder clamp guard shroud housing"),
     "sensor": _words(_SENSORS),
     "finger": _words("finger jaw claw knuckle pincer thumb fingertip"),
+    "load cell": _words("ft force torque wrench loadcell"),
     "tip": _words("tool tcp tip ee eef tool0 endeffector end_effector grasp effector"),
     "ballast": _words("ballast weight vbs trim mass battery"),
     "spinner": _words("blade cutter brush drill saw disc disk grinder rotor screw"),
@@ -65,7 +77,28 @@ class NameWords:
 
     def is_called(self, kind: str, *names: str) -> bool:
         """Check whether any of the names is one of a link or joint of this kind of `_PATTERNS`."""
-        return any(_PATTERNS[kind].search(self.plain(name).lower()) for name in names)
+        return any(_PATTERNS[kind].search(self._lower(name)) for name in names)
+
+    def alike(self, names: Sequence[str], *, besides: str) -> list[bool]:
+        """Return of each name whether it is one of the most common kind; all are where no two are
+        of a kind.
+
+        Numbers, words for places and those of the kind `besides` of `_PATTERNS` make no difference.
+        """
+        stems = list[frozenset[str]]()
+        for name in names:
+            words = set(_WORD.findall(self._lower(name))) - _PLACES
+            stems.append(frozenset(w for w in words if not _PATTERNS[besides].search(w)))
+        if not stems:
+            return []
+        common, n_common = Counter(stems).most_common(1)[0]
+        if n_common < 2:
+            return [True] * len(names)
+        return [stem == common for stem in stems]
+
+    def _lower(self, name: str) -> str:
+        """Return a name without the prefix that all share, its words in small letters and apart."""
+        return "_".join(_PARTS.split(self.plain(name))).lower()
 
     def plain(self, name: str) -> str:
         """Return a name without the prefix that all share."""
@@ -76,16 +109,15 @@ class NameWords:
 
 
 def _shared_prefix(names: Iterable[str]) -> str:
-    """Return what all names begin with up to a separator, roots that do not move aside."""
-    own_names = [name for name in names if name.lower() not in FIXED_ROOTS]
-    if len(own_names) < _MIN_NAMES:
+    """Return the words that all names begin with, roots that do not move aside; each name keeps its
+    last.
+    """
+    parts_by_name = [_PARTS.split(name) for name in names if name.lower() not in FIXED_ROOTS]
+    if len(parts_by_name) < _MIN_NAMES:
         return ""
-    first = min(own_names)
-    last = max(own_names)
-    n_shared = 0
-    while n_shared < len(first) and first[: n_shared + 1] == last[: n_shared + 1]:
-        n_shared += 1
-    prefix = _PREFIX.match(first[:n_shared])
-    if prefix is None:
-        return ""
-    return prefix[0]
+    shared = list[str]()
+    for parts in zip(*(parts[:-1] for parts in parts_by_name), strict=False):
+        if len(set(parts)) > 1:
+            break
+        shared.append(parts[0])
+    return "".join(shared)

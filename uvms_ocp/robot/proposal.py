@@ -88,7 +88,7 @@ def propose(
     leaders = [mimic_element.get("joint", "") for mimic_element in root.findall("joint/mimic")]
     fingers = [name for name in roles.fingers if name not in leaders or mimic != "coupled"]
     still = [*roles.propellers, *roles.sensors, *fingers, *roles.empty, *roles.held]
-    still += [*roles.gimbals, *roles.spinners, *roles.ballast]
+    still += [*roles.gimbals, *roles.spinners, *roles.ballast, *roles.heads, *roles.branches]
     moving = {*followers, *_joints_that_carry(models.model, tool)}
     still_at = {name: _nearest_to_zero(models.model, name) for name in still if name not in moving}
     reading = replace(reading, mimic=mimic, lock={**still_at, **lock})
@@ -97,7 +97,7 @@ def propose(
     if floats:
         thrusters = list(stated_thrusters(models.model, simulator))
         if not thrusters:
-            thrusters = list(thrusters_by_structure(models, roles))
+            thrusters = thrusters_by_structure(models, roles)
     draft = ProposalDraft(
         models=read_urdf(urdf, free_flyer=floats, package_dirs=package_dirs, reading=reading),
         roles=roles,

@@ -42,6 +42,11 @@ _BALLAST = (
     "slides a mass along the vehicle, taken for ballast and held still; --tool LINK makes an arm of"
     " it"
 )
+_HEADS = "points sensors alone, taken for a head and held still; --tool LINK makes an arm of it"
+_BRANCHES = (
+    "branches off an arm beside the longer part of it, taken for a piston or alike and held still;"
+    " --tool LINK makes an arm of it"
+)
 _STILL_KINDS = {
     "propellers": "turns a thruster or a fin",
     "sensors": "moves sensors alone",
@@ -63,6 +68,8 @@ class ProposedThruster:
     """Direction (3,) of positive thrust in B."""
     source: str
     """Words for where the direction comes from."""
+    is_doubtful: bool = False
+    """True where it may be something else, as others are alike and this one is called otherwise."""
     minimum: float | None = None
     """[N] smallest thrust as the file states it; `None` where it does not."""
     maximum: float | None = None
@@ -211,12 +218,40 @@ class ProposalDraft:
             (self.roles.empty, _EMPTY),
             (self.roles.spinners, _SPINNERS),
             (self.roles.ballast, _BALLAST),
+            (self.roles.heads, _HEADS),
+            (self.roles.branches, _BRANCHES),
         ):
             still = [name for name in names if name in self.reading.lock]
             if still:
                 yield f"joint {', '.join(still)}: {reason}"
+        yield from self._arm_questions()
         if self.floats:
             yield from self._thruster_questions()
+
+    def _arm_questions(self) -> Iterator[str]:
+        """Ask whether short arms are some, and sensors none where no other arm is there."""
+        model = self.models.model
+        requested = set[str]()
+        for tool in self.requested_tools:
+            if model.existFrame(tool):
+                carrier = model.frames[model.getFrameId(tool)].parentJoint
+                requested.update(model.names[k] for k in model.supports[carrier])
+        doubtful = [
+            name
+            for name in self.roles.short_arms
+            if name not in requested and name not in self.reading.lock
+        ]
+        if doubtful:
+            yield (
+                f"joint {', '.join(doubtful)}: a short arm, and nothing on it is called a tool; of a"
+                " fin, a hatch, a winch or a head give --lock JOINT=0, which holds it still"
+            )
+        sensors = [name for name in self.roles.sensors if name in self.reading.lock]
+        if sensors and not self.tools and not self.roles.candidates:
+            yield (
+                f"joint {', '.join(sensors)}: moves what is called a sensor, and is held still;"
+                " --tool LINK makes an arm of it"
+            )
 
     def _axis_question(self) -> Iterator[str]:
         """Ask whether z points down, where something speaks for it."""
@@ -263,6 +298,12 @@ class ProposalDraft:
             yield (
                 f"link {', '.join(moving)}: a thruster on a link that moves is not modelled; it is"
                 " left out"
+            )
+        doubtful = [thruster.name for thruster in self.thrusters if thruster.is_doubtful]
+        if doubtful:
+            yield (
+                f"thruster {', '.join(doubtful)}: called otherwise than the others; if it is none,"
+                " take it out of `thrusters` in hydrodynamics.yaml"
             )
         if not self.thrusters:
             yield (

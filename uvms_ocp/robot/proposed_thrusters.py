@@ -4,7 +4,8 @@ propeller and links that are called thrusters.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import coal
 import numpy as np
@@ -17,8 +18,9 @@ from uvms_ocp.robot.simulator_water import SimulatorBlocks
 from uvms_ocp.robot.size import size
 from uvms_ocp.robot.urdf import UrdfModels
 
-# sizes of the robot between a link called a thruster and the propeller that turns in it
-_SAME_PLACE = 0.4
+# sizes of the robot between a link called a thruster and the propeller that turns in it, at most
+_NEARBY = 0.4
+_SAME_PLACE = 0.1  # where not all of these links have a propeller nearby
 _VEHICLE = 1  # joint of the free-flyer
 
 
@@ -57,39 +59,94 @@ def stated_thrusters(model: pin.Model, blocks: SimulatorBlocks) -> Iterator[Prop
         )
 
 
-def thrusters_by_structure(models: UrdfModels, roles: Roles) -> Iterator[ProposedThruster]:
-    """Yield a thruster for each joint of the vehicle that turns a propeller, and for each link fixed
-    to the vehicle that is called one, by itself or by its joint, and carries no such joint.
+def thrusters_by_structure(models: UrdfModels, roles: Roles) -> list[ProposedThruster]:
+    """Return a thruster for each joint of the vehicle that turns a propeller, and for each link fixed
+    to the vehicle that is called one, by itself or by its joint, and is no duct of such a joint.
+
+    Those that are called otherwise than most are doubtful.
     """
     model = models.model
     words = NameWords(model)
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
-    places = list[np.ndarray]()  # (3,) [m] in B
-    for name in roles.propellers:
-        if words.is_called("fin", name):
-            continue
-        index = model.getJointId(name)
-        X = data.oMi[index]
-        places.append(X.translation)
-        S = np.array(model.joints[index].createData().S)
-        yield ProposedThruster(
-            name=name, X=X, direction=X.rotation @ S.ravel()[3:], source="axis of the joint"
-        )
-    same_place = _SAME_PLACE * size(model)
-    for i in _thruster_links(model, words):
-        X = data.oMf[i]
-        if any(np.linalg.norm(X.translation - place) < same_place for place in places):
-            continue
-        cylinder = _cylinder_of(models.visual, i)
-        if cylinder is None:
-            direction = X.rotation[:, 0]
-            source = "x axis of the link"
-        else:
-            direction = cylinder.placement.rotation[:, 2]
-            source = "axis of its cylinder"
-        name = model.frames[i].name
-        yield ProposedThruster(name=name, X=X, direction=direction, source=source)
+    propellers = [_propeller(model, data, name) for name in roles.propellers]
+    propellers = [thruster for thruster in propellers if not words.is_called("fin", thruster.name)]
+    places = [thruster.X.translation for thruster in propellers]  # (3,) [m] in B
+    links = _thruster_links(model, words)
+    ducts = _ducts(links, [data.oMf[i].translation for i in links], places, size(model))
+    fixed_thrusters = [_fixed_thruster(models, data, i) for i in links if i not in ducts]
+    thrusters = [*propellers, *fixed_thrusters]
+    names = [_name_of_link(model, thruster.name) for thruster in thrusters]
+    alike = words.alike(names, besides="propeller")
+    are_called = [words.is_called("propeller", *_names_of(model, t.name)) for t in thrusters]
+    marked = list[ProposedThruster]()
+    for thruster, is_alike, is_called in zip(thrusters, alike, are_called, strict=True):
+        is_doubtful = not is_alike or (not is_called and any(are_called))
+        marked.append(replace(thruster, is_doubtful=is_doubtful))
+    return marked
+
+
+def _propeller(model: pin.Model, data: pin.Data, joint: str) -> ProposedThruster:
+    """Return the thruster that a joint turns."""
+    index = model.getJointId(joint)
+    X = data.oMi[index]
+    S = np.array(model.joints[index].createData().S)
+    return ProposedThruster(
+        name=joint, X=X, direction=X.rotation @ S.ravel()[3:], source="axis of the joint"
+    )
+
+
+def _fixed_thruster(models: UrdfModels, data: pin.Data, frame: int) -> ProposedThruster:
+    """Return the thruster of a link, by the index of its frame."""
+    X = data.oMf[frame]
+    cylinder = _cylinder_of(models.visual, frame)
+    if cylinder is None:
+        direction = X.rotation[:, 0]
+        source = "x axis of the link"
+    else:
+        direction = cylinder.placement.rotation[:, 2]
+        source = "axis of its cylinder"
+    name = models.model.frames[frame].name
+    return ProposedThruster(name=name, X=X, direction=direction, source=source)
+
+
+def _ducts(
+    links: Sequence[int],
+    link_places: Sequence[np.ndarray],
+    propeller_places: Sequence[np.ndarray],
+    robot_size: float,
+) -> set[int]:
+    """Return the links in which a propeller turns: those at its place, or all where each has one
+    nearby.
+
+    places: (3,) [m] in B.
+    """
+    distances = dict[int, float]()  # [m] to the nearest propeller
+    for i, place in zip(links, link_places, strict=True):
+        to_propellers = [float(np.linalg.norm(place - other)) for other in propeller_places]
+        distances[i] = min(to_propellers, default=np.inf)
+    nearby = {i for i, distance in distances.items() if distance < _NEARBY * robot_size}
+    if len(nearby) == len(links):
+        return nearby
+    return {i for i, distance in distances.items() if distance < _SAME_PLACE * robot_size}
+
+
+def _name_of_link(model: pin.Model, name: str) -> str:
+    """Return the name of the link that a joint moves, or of the link itself."""
+    if not model.existJointName(name):
+        return name
+    joint = model.getJointId(name)
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and frame.parentJoint == joint:
+            return str(frame.name)
+    return name
+
+
+def _names_of(model: pin.Model, name: str) -> list[str]:
+    """Return the names of a thruster's link and of the joint that carries it."""
+    link = _name_of_link(model, name)
+    frame = model.frames[model.getFrameId(link)]
+    return [link, str(model.frames[frame.parentFrame].name)]
 
 
 def _thruster_links(model: pin.Model, words: NameWords) -> list[int]:

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.description import LinkDescription, RobotDescription
+from uvms_ocp.robot.joint_kinds import HEAD_JOINTS, KINDS, kinds_of
+from uvms_ocp.robot.link_tree import LinkTree
 from uvms_ocp.robot.name_words import NameWords
 
 BASE = "base_link"
@@ -26,25 +27,6 @@ ALTIMETER = "altimeter"
 DVL = "dvl"
 CHOOSE = "choose by `tool:` in hydrodynamics.yaml, or --tool LINK"
 """Advice where there are several candidates for the tool."""
-_BALANCED = 0.1
-"""Distance of a propeller's centre of mass from its axis, at most, over that from its joint."""
-_SHORT = 0.1
-"""[m] Distance of a centre of mass from the joint that is counted at least."""
-_GIMBAL_JOINTS = 2  # between the vehicle and a thruster that they point, at most
-_ALONG = 0.99  # cosine to an axis of the vehicle, of what slides along it
-_SLIDING = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
-
-_KINDS = (
-    "propellers",
-    "sensors",
-    "fingers",
-    "empty",
-    "held",
-    "gimbals",
-    "spinners",
-    "ballast",
-)
-"""Fields of `Roles` that say of what kind joints are."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -73,6 +55,14 @@ class Roles:
     """Joints that spin a tool at the end of an arm, such as a cutter."""
     ballast: tuple[str, ...]
     """Joints that slide a mass along an axis of the vehicle."""
+    heads: tuple[str, ...]
+    """Joints that pan and tilt sensors fixed to the last of them."""
+    branches: tuple[str, ...]
+    """Last joints beside the longer part of an arm, such as those of its pistons."""
+    short_arms: tuple[str, ...]
+    """Joints of arms of the vehicle that may be none: of one joint or two, which end in nothing that
+    is called a tool or a finger.
+    """
     tools: tuple[tuple[str, ...], ...]
     """Candidates for the tool, by chain of joints, the longest first; one where a chain leaves no
     doubt.
@@ -93,9 +83,9 @@ class Roles:
 
 def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     """Return the roles of the links of a model."""
-    tree = _LinkTree(model, free_flyer)
-    kinds = dict(_kinds(tree))
-    names_by_kind: dict[str, tuple[str, ...]] = dict.fromkeys(_KINDS, ())
+    tree = LinkTree(model, free_flyer)
+    kinds = dict(kinds_of(tree))
+    names_by_kind: dict[str, tuple[str, ...]] = dict.fromkeys(KINDS, ())
     arm = list[int]()
     for joint in tree.moving:
         if joint in kinds:
@@ -109,10 +99,27 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
         tips = _tips(tree, joint)
         if tips:
             tools.append(tips)
-    return Roles(base=_base(tree), tools=tuple(tools), **names_by_kind)
+    short_arms = tuple(model.names[joint] for joint in _short_arms(tree, arm, ends))
+    return Roles(base=_base(tree), tools=tuple(tools), short_arms=short_arms, **names_by_kind)
 
 
-def _base(tree: _LinkTree) -> str:
+def _short_arms(tree: LinkTree, arm: Sequence[int], ends: Sequence[int]) -> Iterator[int]:
+    """Yield the joints of arms that may be a fin, a hatch, a winch or a head.
+
+    arm: joints that are part of an arm; ends: the last of each.
+    """
+    if tree.carrier == 0:
+        return
+    for end in ends:
+        chain = [*reversed(tree.above(end)), end]
+        is_short = len(chain) <= HEAD_JOINTS
+        is_fork = any(len(set(arm) & set(tree.children(joint))) > 1 for joint in chain)
+        holds_nothing = not tree.children(end) and not tree.ends_in_tool(end)
+        if is_short and holds_nothing and not is_fork:
+            yield from chain
+
+
+def _base(tree: LinkTree) -> str:
     """Return the link that stands for the vehicle; empty where nothing is fixed to the root."""
     links = [tree.name(i) for i in tree.bodies[tree.carrier]]
     if BASE in links:
@@ -120,221 +127,14 @@ def _base(tree: _LinkTree) -> str:
     return next(iter(links), "")
 
 
-class _LinkTree:
-    """Tree of links and joints: links of a model by the joint that carries them."""
-
-    def __init__(self, model: pin.Model, free_flyer: bool) -> None:
-        self.model = model
-        self.words = NameWords(model)
-        self.carrier = 1 if free_flyer else 0
-        """Joint that carries the vehicle, or 0, the world."""
-        self.moving = range(self.carrier + 1, model.njoints)
-        """Joints that move against the vehicle."""
-        self.bodies: dict[int, list[int]] = {joint: [] for joint in range(model.njoints)}
-        """Frames of the links that each joint carries."""
-        self.inner = set[int]()
-        """Frames of links on which another link hangs."""
-        for i, frame in enumerate(model.frames):
-            if frame.type == pin.FrameType.BODY:
-                self.bodies[frame.parentJoint].append(i)
-                self.inner.add(self._frame_above(i))
-
-    def _frame_above(self, frame: int) -> int:
-        """Return the frame of the link on which a link hangs."""
-        joint_frame = self.model.frames[frame].parentFrame
-        return int(self.model.frames[joint_frame].parentFrame)
-
-    def name(self, frame: int) -> str:
-        """Return the name of a link by its frame."""
-        return str(self.model.frames[frame].name)
-
-    def names(self, joint: int) -> list[str]:
-        """Return the names of a joint and of the link that it moves."""
-        link_names = [self.name(i) for i in self.bodies[joint][:1]]
-        return [str(self.model.names[joint]), *link_names]
-
-    def children(self, joint: int) -> list[int]:
-        """Return the joints that hang on a joint, without those that hang on them."""
-        return [child for child in self.moving if self.model.parents[child] == joint]
-
-    def below(self, joint: int) -> list[int]:
-        """Return the joint and all that hang on it."""
-        joints = [joint]
-        for child in self.children(joint):
-            joints += self.below(child)
-        return joints
-
-    def above(self, joint: int) -> list[int]:
-        """Return the joints between the vehicle and this one."""
-        parent = self.model.parents[joint]
-        if parent <= self.carrier:
-            return []
-        return [parent, *self.above(parent)]
-
-    def has_range(self, joint: int) -> bool:
-        """Check whether a joint can move at all."""
-        moving = self.model.joints[joint]
-        if moving.nq != moving.nv:
-            return True
-        n_q = max(moving.nq, 1)  # of one that mimics, those of its leader
-        q = slice(moving.idx_q, moving.idx_q + n_q)
-        lower = self.model.lowerPositionLimit[q]
-        upper = self.model.upperPositionLimit[q]
-        return bool((lower < upper).any())
-
-    def is_no_tool(self, frame: int) -> bool:
-        """Check whether a link is a sensor or a finger; the palm that carries fingers is
-        neither.
-        """
-        name = self.name(frame)
-        if self.words.is_called("sensor", name):
-            return True
-        if frame in self.inner or self.words.is_called("tip", name):
-            return False
-        return self.words.is_called("finger", name)
-
-    def is_end(self, frame: int) -> bool:
-        """Check that no other link is fixed to the link further out, but sensors and fingers."""
-        for i in self.bodies[self.model.frames[frame].parentJoint]:
-            if not self.is_no_tool(i) and self._frame_above(i) == frame:
-                return False
-        return True
-
-
-def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
-    """Yield joints that are no part of an arm, with what they do."""
-    for joint in tree.moving:
-        below = tree.below(joint)
-        if _carries_propellers_alone(tree, joint):
-            yield joint, "gimbals" if tree.children(joint) else "propellers"
-        elif not any(tree.model.inertias[k].mass for k in below):
-            yield joint, "empty"
-        elif _carries_sensors_alone(tree, joint):
-            yield joint, "sensors"
-        elif _whirls(tree, joint):
-            yield joint, "propellers"
-        elif _spins_a_tool(tree, joint):
-            yield joint, "spinners"
-        elif _is_finger(tree, joint):
-            for finger_joint in below:
-                yield finger_joint, "fingers"
-        elif _slides_ballast(tree, joint):
-            yield joint, "ballast"
-        elif not any(tree.has_range(k) for k in (*tree.above(joint), *below)):
-            yield joint, "held"
-
-
-def _carries_propellers_alone(tree: _LinkTree, joint: int) -> bool:
-    """Check whether a joint turns a propeller of the vehicle, or points some of them: what ends in
-    one after more joints, or holds a tool beside it, is an arm.
-    """
-    below = tree.below(joint)
-    for k in below:
-        links = [tree.name(i) for i in tree.bodies[k]]
-        if tree.words.is_called("tip", *links) or tree.words.is_called("finger", *links):
-            return False
-        if tree.children(k):
-            continue
-        if not tree.words.is_called("propeller", *tree.names(k)):
-            return False
-        if len(tree.above(k)) > _GIMBAL_JOINTS:
-            return False
-    return True
-
-
-def _spins_a_tool(tree: _LinkTree, joint: int) -> bool:
-    """Check whether a joint without end is the last of an arm, and is called a blade or alike."""
-    turns_without_end = tree.model.joints[joint].nq != tree.model.joints[joint].nv
-    is_last = not tree.children(joint)
-    if not (turns_without_end and is_last and tree.above(joint)):
-        return False
-    names = tree.names(joint)
-    return tree.words.is_called("spinner", *names) or tree.words.is_called("propeller", *names)
-
-
-def _is_finger(tree: _LinkTree, joint: int) -> bool:
-    """Check whether a joint closes a gripper: by its name, beside another last joint on an arm's
-    link, or below a frame of that link which is called the tool.
-    """
-    if tree.words.is_called("finger", *tree.names(joint)):
-        return True
-    palm = int(tree.model.parents[joint])
-    if palm <= tree.carrier or tree.children(joint):
-        return False
-    last_joints = list[int]()
-    for sibling in tree.children(palm):
-        is_other = _carries_sensors_alone(tree, sibling) or _spins_a_tool(tree, sibling)
-        if not tree.children(sibling) and not is_other:
-            last_joints.append(sibling)
-    holds_tool = False
-    for i in tree.bodies[palm]:
-        if i not in tree.inner and tree.words.is_called("tip", tree.name(i)):
-            holds_tool = True
-    return len(last_joints) > 1 or holds_tool
-
-
-def _slides_ballast(tree: _LinkTree, joint: int) -> bool:
-    """Check whether a joint slides a mass along an axis of the vehicle: called so, or one of
-    several, or beside an arm.
-    """
-    if not _is_slider(tree, joint):
-        return False
-    if tree.words.is_called("ballast", *tree.names(joint)):
-        return True
-    others = [k for k in tree.moving if k != joint and tree.model.parents[k] == tree.carrier]
-    return any(_is_slider(tree, k) or len(tree.below(k)) > 1 for k in others)
-
-
-def _is_slider(tree: _LinkTree, joint: int) -> bool:
-    """Check whether a joint of the vehicle slides one link, which is no tool, along one of its
-    axes.
-    """
-    if tree.carrier == 0 or tree.model.parents[joint] != tree.carrier or tree.children(joint):
-        return False
-    moving = tree.model.joints[joint]
-    if moving.shortname() not in _SLIDING:
-        return False
-    links = [tree.name(i) for i in tree.bodies[joint]]
-    if tree.words.is_called("tip", *links) or tree.words.is_called("finger", *links):
-        return False
-    direction = np.array(moving.createData().S).ravel()[:3]
-    along = tree.model.jointPlacements[joint].rotation @ direction
-    return bool(np.abs(along).max() > _ALONG)
-
-
-def _carries_sensors_alone(tree: _LinkTree, joint: int) -> bool:
-    """Check whether all links that a joint moves are sensors."""
-    links = list[int]()
-    for k in tree.below(joint):
-        links += tree.bodies[k]
-    return bool(links) and all(tree.words.is_called("sensor", tree.name(i)) for i in links)
-
-
-def _whirls(tree: _LinkTree, index: int) -> bool:
-    """Check whether a joint of the vehicle turns one balanced link without end, as a propeller
-    does.
-    """
-    if tree.carrier == 0 or tree.model.parents[index] != tree.carrier:
-        return False
-    if len(tree.below(index)) > 1 or len(tree.bodies[index]) > 1:
-        return False
-    joint = tree.model.joints[index]
-    if joint.nv != 1 or joint.nq != 2:
-        return False
-    axis = np.array(joint.createData().S).ravel()[3:]
-    lever = np.asarray(tree.model.inertias[index].lever)  # [m]
-    from_joint = float(np.linalg.norm(lever))  # [m]
-    off_axis = float(np.linalg.norm(lever - axis * (axis @ lever)))  # [m]
-    return off_axis <= _BALANCED * max(from_joint, _SHORT)
-
-
-def _tips(tree: _LinkTree, joint: int) -> tuple[str, ...]:
+def _tips(tree: LinkTree, joint: int) -> tuple[str, ...]:
     """Return candidates for the tool at the last joint of a chain."""
     ends = list[str]()
     for i in tree.bodies[joint]:
         if not tree.is_no_tool(i) and tree.is_end(i):
             ends.append(tree.name(i))
-    called_tips = [name for name in ends if tree.words.is_called("tip", name)]
+    called_tips = [tree.name(i) for i in tree.bodies[joint] if tree.is_tip(i)]
+    called_tips = [name for name in called_tips if name in ends]
     if len(called_tips) == 1:
         return tuple(called_tips)
     return tuple(ends)
