@@ -83,11 +83,14 @@ def test_a_joint_that_is_thrown_within_a_tick_is_not_let_go_soon() -> None:
 def test_a_joint_that_falls_again_is_locked_for_longer() -> None:
     memory = guard()
     locks = list[float]()
-    fast = [0.0, 1.1 * LIMIT, 0.0]
     memory.before[:] = [LIMIT, 0.0]
+    locked = False
     for k in range(round(120.0 / DT)):
         t = k * DT
-        locks_at_overspeed(memory, FIRST, fast, [0.0, 0.0, 0.0], t == 0.0, t)
+        v = [0.0, 0.0 if locked else 1.1 * LIMIT, 0.0]
+        if not locked:
+            memory.before[:] = [LIMIT, 0.0]
+        locked = locks_at_overspeed(memory, FIRST, v, [0.0, 0.0, 0.0], t == 0.0, t)
         if memory.joint >= 0:
             locks.append(memory.lock)
     assert locks == [0.5, 32.0, 64.0, 64.0]
@@ -112,6 +115,28 @@ def test_a_lock_holds_as_long_as_an_encoder_is_doubted_or_a_vehicle_is_carried_o
         if locks_at_overspeed(memory, FIRST, [speed, rate, 0.0], [0.0] * 3, doubted, t):
             locked.append(t)
     assert max(locked) == pytest.approx(end + 0.5, abs=0.35)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.05])
+@pytest.mark.parametrize(("mean", "noise"), [(0.0, 0.1), (0.12, 0.0), (-0.12, 0.12)])
+def test_a_joint_that_seems_to_move_though_it_is_locked_stays_locked_and_is_named_once(
+    mean: float, noise: float, dt: float
+) -> None:
+    """An encoder that drifted by 0.2 rad/s went on under the brakes; let go after half a second, the
+    arm was at 1.6 times its limit.
+    """
+    memory = guard()
+    memory.before[:] = [LIMIT, 0.0]
+    locked = list[float]()
+    named = list[int]()
+    for k in range(round(5.0 / dt)):
+        rate = 1.1 * LIMIT if k == 0 else (mean + noise * (-1.0) ** k) * LIMIT
+        if locks_at_overspeed(memory, FIRST, [0.0, rate, 0.0], [0.0] * 3, False, k * dt):
+            locked.append(k * dt)
+        if memory.moving >= 0:
+            named.append(memory.moving)
+    assert max(locked) == pytest.approx(5.0 if mean else 0.5, abs=2.1 * dt)
+    assert named == ([0] if mean else [])
 
 
 def test_a_fall_long_after_another_is_a_new_one() -> None:

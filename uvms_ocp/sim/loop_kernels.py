@@ -256,7 +256,8 @@ def command_plant(
             )
     loop.braked = force.locks
     _end_tick(loop, tick)
-    if force.detection.changed or force.overspeed.joint >= 0 or not force.possible:
+    braked = force.overspeed.joint >= 0 or force.overspeed.moving >= 0
+    if force.detection.changed or braked or not force.possible:
         loop.stop = LOOK
 
 

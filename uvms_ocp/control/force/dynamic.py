@@ -168,12 +168,17 @@ class DynamicController(TableDisplay):
         self._report(t)
 
     def _report(self, t: float) -> None:
-        """Log at time t [s] that brakes were locked, and what fault detection has changed."""
+        """Log at time t [s] that brakes were locked, that a locked joint seems to move, and what fault detection has changed."""
         joint = self.memory.overspeed.joint
         if joint >= 0:
             lock = self.memory.overspeed.lock
             name = self._robot.joint_names[joint]
             alarm = f"{name} about to be faster than it may, unasked: brakes locked for {lock:g} s at least"
+            self.kinematic.watchdog.alarms.append((t, alarm))
+        moving = self.memory.overspeed.moving
+        if moving >= 0:
+            name = self._robot.joint_names[moving]
+            alarm = f"{name} seems to move though brakes lock it: its readings are wrong, it stays locked"
             self.kinematic.watchdog.alarms.append((t, alarm))
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, t)

@@ -4,7 +4,8 @@ fed back.
 
 An encoder that drifts slowly enough takes its joint along and is doubted by nobody, so that it is
 not asked whether one is, but where the loop is quick enough to catch an arm and to learn its load.
-A lock lasts as long as one is, or as the vehicle is carried off: it would throw the arm.
+A lock lasts as long as one is, or as the vehicle is carried off: it would throw the arm. So it does
+as long as a joint seems to move that is locked: its readings are wrong.
 """
 
 from __future__ import annotations
@@ -23,6 +24,10 @@ _DOUBTFUL = 10.0  # [s] after a doubt or a lock for which a posture, or a load, 
 _SHORTEST_LOCK = 0.5  # [s]
 _LONGEST_LOCK = 64.0  # [s]
 _LONGER = 64.0  # times the lock before it is the lock of a joint that falls again: no blow made it
+_SETTLED = 0.1  # [s] after which a joint that is locked is seen to rest
+_AVERAGED = 0.15  # [s] time constant of the mean rate of a locked joint
+_JUDGED = _SETTLED + 2.0 * _AVERAGED  # [s] of a lock after which that mean counts
+_MOVES = 0.05  # share of its limit that the mean rate of a joint is beyond that moves
 
 
 class OverspeedMemory(Layout):
@@ -46,6 +51,14 @@ class OverspeedMemory(Layout):
     """[s] time until which posture and load count as doubtful."""
     locked_until: float
     """[s] time until which brakes are locked."""
+    locked_at: float
+    """[s] time of the last lock."""
+    locked_rate: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad/s or m/s] mean rates since the joints were locked, low-passed."""
+    moved: bool
+    """True where a joint has seemed to move since brakes were locked."""
+    moving: int
+    """Joint that was first seen to move while it is locked in this tick, -1 for none."""
     lock: float
     """[s] shortest duration of the last lock; 0 before the first one since the posture was sound.
     """
@@ -63,6 +76,7 @@ def start_overspeed(overspeed: OverspeedMemory) -> None:
     overspeed.doubted_until = -math.inf
     overspeed.locked_until = -math.inf
     overspeed.joint = -1
+    overspeed.moving = -1
 
 
 def locks_at_overspeed(
@@ -72,15 +86,18 @@ def locks_at_overspeed(
 
     first: index of the first joint in v (n_v,) [m/s, rad/s] as estimated, and in the reference
     (n_v,). doubted: encoders are, or rates of joints; it keeps locked what is, as does a vehicle that
-    is carried off. Every lock is longer than the one before it.
+    is carried off, and a joint that seems to move though it is locked. Every lock is longer than the one before it.
     """
     if doubted:
         overspeed.doubted_until = t + _DOUBTFUL
     overspeed.joint = _fastest_unasked(overspeed, first, v, reference)
-    catches_none = t - overspeed.before_t >= _SLOW_TICK - SAME_TIME
+    overspeed.moving = -1
+    period = t - overspeed.before_t
+    catches_none = period >= _SLOW_TICK - SAME_TIME
     overspeed.before_t = t
     if t < overspeed.locked_until - SAME_TIME:
-        if doubted or _is_carried_off(overspeed, first, v, reference):
+        moves = _moves_though_locked(overspeed, first, v, period, t)
+        if moves or doubted or _is_carried_off(overspeed, first, v, reference):
             overspeed.locked_until = max(overspeed.locked_until, t + _SHORTEST_LOCK)
         overspeed.joint = -1
         return True
@@ -93,6 +110,10 @@ def locks_at_overspeed(
     shortest = _LONGER * _SHORTEST_LOCK if overspeed.thrown else _SHORTEST_LOCK
     overspeed.lock = min(max(shortest, _LONGER * overspeed.lock), _LONGEST_LOCK)
     overspeed.locked_until = t + overspeed.lock
+    overspeed.locked_at = t
+    overspeed.moved = False
+    for j in range(overspeed.count):
+        overspeed.locked_rate[j] = 0.0
     overspeed.doubted_until = max(overspeed.doubted_until, overspeed.locked_until + _DOUBTFUL)
     return True
 
@@ -104,6 +125,25 @@ def _is_carried_off(overspeed: OverspeedMemory, first: int, v: Vector, reference
         off = abs(v[i] - reference[i])
         carried_off = carried_off or off > _CARRIED_OFF * overspeed.vehicle_limit[i]
     return carried_off
+
+
+def _moves_though_locked(
+    overspeed: OverspeedMemory, first: int, v: Vector, period: float, t: float
+) -> bool:
+    """Return whether a joint seems to move on average that has been locked for long enough."""
+    moving = -1
+    share = min(1.0, period / _AVERAGED)
+    for j in range(overspeed.count):
+        if t > overspeed.locked_at + _SETTLED:
+            overspeed.locked_rate[j] += share * (v[first + j] - overspeed.locked_rate[j])
+        if abs(overspeed.locked_rate[j]) > _MOVES * overspeed.limit[j]:
+            moving = j
+    if moving < 0 or t < overspeed.locked_at + _JUDGED - SAME_TIME:
+        return False
+    if not overspeed.moved:
+        overspeed.moving = moving
+    overspeed.moved = True
+    return True
 
 
 def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector) -> int:
