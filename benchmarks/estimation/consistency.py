@@ -12,7 +12,8 @@ import pinocchio as pin
 from scipy.stats import chi2
 
 from estimation.drawn import Watched
-from uvms_ocp.estimation.filter_memory import MAIN, EstimatorTuning, Part
+from uvms_ocp.estimation.filter_memory import MAIN, Part
+from uvms_ocp.estimation.tuning import EstimatorTuning
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import ACCELEROMETER, CHANNELS, SensorSpec, SensorSpecs
 from uvms_ocp.types import Array

@@ -8,7 +8,8 @@ import numpy as np
 
 from estimation.consistency import DELAYS, error_of, late
 from estimation.drawn import Watched
-from uvms_ocp.estimation.filter_memory import EstimatorTuning, Part
+from uvms_ocp.estimation.filter_memory import Part
+from uvms_ocp.estimation.tuning import EstimatorTuning
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import ACCELEROMETER, SensorSpecs
 

@@ -9,7 +9,7 @@ import pytest
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough, age_of
-from uvms_ocp.estimation.filter_memory import EstimatorTuning
+from uvms_ocp.estimation.tuning import EstimatorTuning
 from uvms_ocp.robot.loading import list_robots, load_robot
 from uvms_ocp.robot.signals import (
     IDEAL_SENSORS,

@@ -5,7 +5,7 @@ from uvms_ocp.estimation.estimator import (
     GateOutcome as GateOutcome,
     PassThrough as PassThrough,
 )
-from uvms_ocp.estimation.filter_memory import EstimatorTuning as EstimatorTuning
+from uvms_ocp.estimation.tuning import EstimatorTuning as EstimatorTuning
 from uvms_ocp.lazy_names import attach_stub
 
 __getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,5 +1,5 @@
 import uvms_ocp.estimation.estimator
-import uvms_ocp.estimation.filter_memory
+import uvms_ocp.estimation.tuning
 
 from .force.dynamic import DynamicController as DynamicController, VelocityGains as VelocityGains
 from .load_filter import LoadLearning as LoadLearning
@@ -15,4 +15,4 @@ from .velocity.levels import LevelsProblem as LevelsProblem, build_levels as bui
 Estimator = uvms_ocp.estimation.estimator.Estimator
 GateOutcome = uvms_ocp.estimation.estimator.GateOutcome
 PassThrough = uvms_ocp.estimation.estimator.PassThrough
-EstimatorTuning = uvms_ocp.estimation.filter_memory.EstimatorTuning
+EstimatorTuning = uvms_ocp.estimation.tuning.EstimatorTuning

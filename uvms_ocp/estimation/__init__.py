@@ -3,4 +3,4 @@ out.
 """
 
 from uvms_ocp.estimation.estimator import Estimator as Estimator, PassThrough as PassThrough
-from uvms_ocp.estimation.filter_memory import EstimatorTuning as EstimatorTuning
+from uvms_ocp.estimation.tuning import EstimatorTuning as EstimatorTuning

@@ -26,7 +26,8 @@ from uvms_ocp.estimation import (
     measurement_update,
     vehicle_model,
 )
-from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex, EstimatorTuning, Part
+from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex, Part
+from uvms_ocp.estimation.tuning import EstimatorTuning
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot import signals
 from uvms_ocp.robot.kinematics import STEEP

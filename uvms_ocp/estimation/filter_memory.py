@@ -15,11 +15,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, arrays_of, structure_of
+from uvms_ocp.estimation.tuning import EstimatorTuning
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
-from uvms_ocp.types import Positive
 
 N_VEHICLE = 7
 
@@ -335,41 +334,6 @@ def filter_memory(n_joints: int) -> FilterMemory:
     memory = structure_of(FilterMemory, n_joints=n_joints, n_commanded=6 + n_joints)()
     memory.n_joints = n_joints
     return memory
-
-
-# What the estimator expects of the robot, the floor and its sensors.
-
-
-@checked_dataclass()
-class EstimatorTuning:
-    """Tuning of the filter: rates at which the robot, the floor and the biases of sensors are
-    expected to change.
-
-    Larger: less lag, more noise. Raises `InvalidInput` for a number not > 0.
-    """
-
-    jerk: Positive = 0.1
-    """[m/s3/sqrt(Hz)] largest jerk of the vehicle; without an accelerometer less, where the
-    innovations of the DVL are smaller.
-    """
-    angular_jerk: Positive = 0.5
-    """[rad/s3/sqrt(Hz)] density of the angular jerk of the vehicle, a white noise."""
-    gyro_bias: Positive = 1e-3
-    """[rad/s] bias of the gyro that is expected at first, beside the one that the sensor is said to
-    have.
-    """
-    dvl_bias: Positive = 1e-4
-    """[m/s] bias of the DVL that is expected at first, beside the one that the sensor is said to
-    have.
-    """
-    force_bias: Positive = 0.02
-    """[m/s2] bias of the accelerometer that is expected at first, beside the one that the sensor is
-    said to have.
-    """
-    joint_acceleration: Positive = 0.04
-    """[rad/s2/sqrt(Hz)] density of the acceleration of the joints, a white noise."""
-    floor_roughness: Positive = 0.3
-    """Slope of the floor, which makes its height below the vehicle change with the way."""
 
 
 # What the filter is told once: the noise of the sensors, how the robot is expected to move, and
