@@ -14,6 +14,15 @@ FADED = "#AEB4B9"
 """Colour of curves while their task is off."""
 FAULT = VERMILLION
 """Colour of the begin and the end of a fault, and of its name."""
+PHASES = ((BLUE, 0.09), (ORANGE, 0.12), (GREEN, 0.1), (PINK, 0.16), ("#808080", 0.12))
+"""Colours of phases and how much they cover, on light and dark paper."""
+PHASE_BEGIN = "#9AA3AB"
+"""Colour of the line at which a phase begins."""
+BREAK = "#D5DADF"
+"""Colour of the line where two pieces of a plan meet."""
+FLOOR = "#8C6D46"
+OBSTACLE = "#D9B48F"
+OBSTACLE_EDGE = "#8A5A2B"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
 """Dashes of lines, one after the other where the colours come again."""
 

@@ -9,13 +9,11 @@ from matplotlib.axes import Axes
 
 from uvms_ocp.errors import plain_line
 from uvms_ocp.record.record import Record
-from uvms_ocp.viz.colours import BLUE, FAULT, GREEN, ORANGE, PINK, THRESHOLD
+from uvms_ocp.viz.colours import FAULT, PHASE_BEGIN, PHASES, THRESHOLD
 from uvms_ocp.viz.layout import inches
 from uvms_ocp.viz.style import points
 from uvms_ocp.viz.time_spans import PhaseSpan, fault_spans, phase_spans
 
-_BANDS = ((BLUE, 0.09), (ORANGE, 0.12), (GREEN, 0.1), (PINK, 0.16), ("#808080", 0.12))
-"""Colours of phases and how much they cover, on light and dark paper."""
 CURVE = "curve of a record"
 """Group id of a curve, by which the next record that is drawn on the same axes counts it."""
 _PHASE = "phase of a record"
@@ -95,11 +93,11 @@ def shade_phases(
         return
     for axis in axes:
         for span in spans:
-            band = _BANDS[span.index % len(_BANDS)]
+            band = PHASES[span.index % len(PHASES)]
             axis.axvspan(span.start, span.end, color=band, lw=0, zorder=-2, gid=_PHASE)
         if len(spans) <= _MANY:
             for span in spans[1:]:
-                axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
+                axis.axvline(span.start, color=PHASE_BEGIN, lw=0.6, zorder=-1)
         axis.set_xlim(spans[0].start, spans[-1].end)
     if not named:
         return

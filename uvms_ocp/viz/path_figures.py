@@ -11,14 +11,11 @@ from uvms_ocp.record import meta_values
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz import layout, marks, style
-from uvms_ocp.viz.colours import BLACK, LINES
+from uvms_ocp.viz.colours import BLACK, FLOOR, LINES, OBSTACLE, OBSTACLE_EDGE
 from uvms_ocp.viz.label_text import label_text
 from uvms_ocp.viz.series import floor_heights, has_vehicle
 from uvms_ocp.viz.time_spans import phase_spans
 
-_FLOOR_COLOR = "#8C6D46"
-_OBSTACLE_COLOR = "#D9B48F"
-_OBSTACLE_EDGE = "#8A5A2B"
 _ENTRY = 1.4  # [in] width of an entry of the legend
 _DIRECTIONS = 48  # directions in which the outermost points of an obstacle are looked for
 
@@ -57,9 +54,9 @@ def _draw_floor(axis: Axes, record: Record) -> None:
     """Draw a line for a flat floor, else the floor below the path."""
     below = floor_heights(record, record["q"][:, :2])
     if below is not None and record.meta.surroundings.floor is None:
-        axis.axhline(below[0], color=_FLOOR_COLOR, lw=2, label="floor")
+        axis.axhline(below[0], color=FLOOR, lw=2, label="floor")
     elif below is not None:
-        axis.plot(record["q"][:, 0], below, color=_FLOOR_COLOR, lw=2, label="floor below")
+        axis.plot(record["q"][:, 0], below, color=FLOOR, lw=2, label="floor below")
 
 
 def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
@@ -74,8 +71,8 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
         outline = obstacle_outline(item, i, j)
         axis.fill(
             *outline.T,
-            facecolor=_OBSTACLE_COLOR,
-            edgecolor=_OBSTACLE_EDGE,
+            facecolor=OBSTACLE,
+            edgecolor=OBSTACLE_EDGE,
             lw=0.8,
             alpha=0.55,
             zorder=1,

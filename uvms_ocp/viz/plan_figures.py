@@ -15,7 +15,7 @@ from uvms_ocp.errors import plain_line
 from uvms_ocp.record import meta_values, tables
 from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style
-from uvms_ocp.viz.colours import BLACK, THRESHOLD, VERMILLION, line_style
+from uvms_ocp.viz.colours import BLACK, BREAK, THRESHOLD, VERMILLION, line_style
 from uvms_ocp.viz.effort_figures import figure_efforts
 from uvms_ocp.viz.label_text import label_text, label_texts
 from uvms_ocp.viz.series import axis_label, require_rows
@@ -172,5 +172,5 @@ def _mark_breaks(axes: list[Axes], record: Record) -> None:
     require_rows(record)
     for axis in axes:
         for t in record.plan_meta.breaks[1:-1]:
-            axis.axvline(t, color="#D5DADF", lw=0.5, zorder=-1)
+            axis.axvline(t, color=BREAK, lw=0.5, zorder=-1)
         axis.set_xlim(record["t"][0], record["t"][-1])
