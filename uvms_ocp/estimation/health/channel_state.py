@@ -296,7 +296,7 @@ def update_trust(health: HealthMemory, channel: ChannelMemory) -> bool:
             or (is_turned_by_attitude(channel.number) and is_attitude_doubted(health))
         ):
             trust = min(trust, int(Trust.SUSPECT))
-    elif _is_disputed(health, channel):
+    elif _is_disputed(health, channel) or _seems_flat(health, channel, period):
         trust = min(trust, int(Trust.SUSPECT))
     if trust != Trust.GOOD:
         _be_silent(channel, quiet, health.t, trust != channel.trust)
@@ -346,6 +346,16 @@ def _is_disputed(health: HealthMemory, channel: ChannelMemory) -> bool:
     is_unused = is_excluded(channel, health.t)
     is_velocity = channel.number == ChannelIndex.LINEAR_VELOCITY
     return is_velocity and is_unused and _is_suspect(health, channel.rival)
+
+
+def _seems_flat(health: HealthMemory, channel: ChannelMemory, period: float) -> bool:
+    """Return whether echoes of an altimeter come and are not used, as the beam may seem to lie flat by
+    an attitude that is in doubt.
+    """
+    is_altimeter = channel.number == ChannelIndex.ALTIMETER_RANGE
+    patience = channel.delay + max(_LEAST_TO_LOSE, _PERIODS_TO_LOSE * period)
+    is_speaking = health.t - channel.seen <= patience
+    return is_altimeter and is_speaking and is_attitude_doubted(health)
 
 
 def is_attitude_doubted(health: HealthMemory) -> bool:

@@ -377,7 +377,7 @@ def _screen_new(health: channel_state.HealthMemory, channel: channel_state.Chann
     screening.screen_reading(health, channel, slot)
     if not belief.used:
         channel_state.reject(channel, belief.why, health.t)
-    elif not barred and screening.has_nothing_to_tell(health, channel, slot):
+    elif not barred and screening.is_empty(channel):
         channel_state.accept_empty(channel)
     elif not barred:
         channel_state.accept(channel, health.t)

@@ -64,19 +64,6 @@ def is_empty(channel: ChannelMemory) -> bool:
     return channel.number == ChannelIndex.ALTIMETER_RANGE and math.isnan(channel.value[0])
 
 
-def has_nothing_to_tell(health: HealthMemory, channel: ChannelMemory, slot: int) -> bool:
-    """Return whether the newest reading is an echo that did not come back, or one along a beam that
-    lies too flat to tell of a height; slot of the estimate of its time, -1 for none.
-    """
-    if channel.number != ChannelIndex.ALTIMETER_RANGE:
-        return False
-    up = zeros(3)
-    if slot >= 0:
-        estimate = health.history.kept[slot]
-        plausibility.rotate(estimate.q, estimate.beam_up, up)
-    return is_empty(channel) or (slot >= 0 and up[2] <= kinematics.STEEP)
-
-
 def _means_nothing(health: HealthMemory, channel: ChannelMemory, why: Complaint) -> bool:
     if not math.isfinite(channel.stamp):
         return set_complaint(why, Reason.STAMP, channel.stamp, 0.0)
