@@ -22,7 +22,7 @@ from pool.swings import LARGE, swings
 from recording.report import Report, Row, Table, begin, parser_of
 from recording.rows import column, rows_where
 
-from uvms_ocp.identification.output_error import Estimate
+from uvms_ocp.identification.estimates import Estimate
 from uvms_ocp.identification.prediction_verdict import FitShares
 from uvms_ocp.identification.predictor import Predicted
 from uvms_ocp.identification.segments import PreparedRecording

@@ -20,8 +20,9 @@ from recording.report import Report, Row, Table, begin, parser_of
 from recording.rows import column, known_values, rows_where
 
 from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.estimates import Estimate, Noise
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.prediction_verdict import FitShares
 from uvms_ocp.identification.predictor import (

@@ -38,8 +38,7 @@ def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[st
     """Return the kind of each parameter, by name; `owner` is the class of which `function` is the
     constructor.
     """
-    # The annotations of fields that are inherited are read where they stand, not where the
-    # constructor was made.
+    # Annotations of inherited fields are names of their own module, not of the constructor's.
     is_generated = function.__code__.co_filename == "<string>"
     hints = _hints(owner if owner is not None and is_generated else function)
     parameters = inspect.signature(function).parameters
@@ -49,14 +48,15 @@ def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[st
 
 
 def _hints(thing: Any) -> dict[str, Any]:
-    with suppress(NameError):  # a name that only its author's scope knows
+    """Return the annotations of a class or function; none where one of them cannot be resolved."""
+    with suppress(NameError):  # such as the name of a class inside a function
         return typing.get_type_hints(thing, include_extras=True)
     return {}
 
 
 def _kind_of(annotation: Any) -> Kind:
-    """Return the kind of value that this annotation allows; anything, where the annotation says
-    nothing that can be checked.
+    """Return the kind of value that an annotation allows; any value where nothing of it can be
+    checked.
     """
     if annotation in _PLAIN_KINDS:
         return _PLAIN_KINDS[annotation]
@@ -84,10 +84,13 @@ def _kind_of(annotation: Any) -> Kind:
 
 
 def _is_a(*classes: type) -> Callable[[Any], bool]:
+    """Return a check for instances of classes."""
     return lambda value: isinstance(value, classes)
 
 
 def _is_path(*classes: type) -> Callable[[Any], bool]:
+    """Return a check for paths of classes, not empty and without control characters."""
+
     def is_path(value: Any) -> bool:
         if not isinstance(value, classes) or str(value) == "":
             return False
@@ -105,7 +108,7 @@ _PLAIN_KINDS: dict[Any, Kind] = {
 
 
 def _array_kind(**settings: Any) -> ArrayKind:
-    """Return the kind of an array with these fields of `ArrayKind`, and its words."""
+    """Return the kind of an array, with words that describe it. settings: fields of `ArrayKind`."""
     kind = ArrayKind(**settings)
     shape = f" {kind.shape}" if kind.shape else ""
     content, _ = CONTENT_BY_DTYPE.get(kind.dtype, REAL_NUMBERS)
@@ -138,7 +141,7 @@ def _alternatives(arguments: tuple[Any, ...]) -> Kind:
     if {Path, str} <= members.keys():
         members = dict.fromkeys(member for member in members if member not in (Path, str))
         choices.append(Kind(_PATH, _is_path(Path, str)))
-    # A union of unions is flat: what NumPy calls array-like has come apart.
+    # A union of unions is flat, so that the members of `ArrayLike` are among the others.
     if members.keys() >= _ARRAY_LIKE:
         members = dict.fromkeys(member for member in members if member not in _ARRAY_LIKE)
         choices.append(_array_kind())
@@ -150,7 +153,9 @@ def _alternatives(arguments: tuple[Any, ...]) -> Kind:
 
 
 def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
-    """Return the kind of an annotation such as ``tuple[str, ...]``, of its origin and arguments."""
+    """Return the kind of a generic annotation, such as ``tuple[str, ...]``, from its origin and its
+    arguments.
+    """
     if origin is np.ndarray:
         scalar, *_ = typing.get_args(arguments[1]) or (None,)
         return _array_kind(dtype=scalar if isinstance(scalar, type) else None, plain=True)
@@ -176,7 +181,7 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
 
 
 def _generic_dataclass(origin: Any, arguments: tuple[Any, ...]) -> Kind:
-    """Return the kind of a generic dataclass, whose fields are what its parameters stand for."""
+    """Return the kind of a generic dataclass, with the kinds of fields that its arguments give."""
     meanings = dict(zip(origin.__parameters__, arguments, strict=True))
     parts = []
     words = []
@@ -198,8 +203,8 @@ def _function_kind(parameters: Any) -> Kind:
 
 
 def _is_function(value: Any, n_arguments: int | None) -> bool:
-    """Return whether it can be called, with so many arguments as far as its signature can be
-    read.
+    """Check for a function, which takes so many arguments if its signature can be read; `None`: any
+    number.
     """
     if not callable(value):
         return False
@@ -213,6 +218,7 @@ def _is_function(value: Any, n_arguments: int | None) -> bool:
 
 
 def _kind_of_class(cls: type) -> Kind:
+    """Return the kind of the instances of a class."""
     if cls is np.ndarray:
         return _array_kind(plain=True)
     if cls is float:
@@ -225,7 +231,7 @@ def _kind_of_class(cls: type) -> Kind:
         return Table("a mapping", _is_a(Mapping))
     if cls is Callable:
         return Kind("a function", callable)
-    # The pose of Pinocchio, which whoever reads records or solves levels does without.
+    # `pinocchio.SE3`, recognised without importing Pinocchio, which readers of records do not need.
     if hasattr(cls, "homogeneous"):
         return PoseKind(
             "a pinocchio.SE3 of finite numbers (uvms_ocp.pose_at makes one)",

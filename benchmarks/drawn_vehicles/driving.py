@@ -8,9 +8,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from uvms_ocp import load_robot, without_arm
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.experiment_limits import ExperimentLimits
 from uvms_ocp.identification.model import PAST, StageFunctions, Vehicle
-from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import (
     Free,
     ParameterStatus,

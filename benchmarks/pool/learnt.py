@@ -11,8 +11,9 @@ import numpy as np
 
 from pool.sensors import IMU, MOCAP
 from pool.vehicle import pool_dynamics
+from uvms_ocp.identification.estimates import Estimate, Noise
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior, Unknowns
 from uvms_ocp.identification.predictor import Predicted, Predictor
 from uvms_ocp.identification.rollout import Rollout

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from driven import known, vehicle_of
 
+from uvms_ocp.identification.estimates import FitStatus, Noise
 from uvms_ocp.identification.fit import FitContext, Search
 from uvms_ocp.identification.model import Vehicle
-from uvms_ocp.identification.output_error import FitStatus, Noise, OutputErrorProblem
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.recording import Channel
 from uvms_ocp.identification.resampling import ZeroOrderHold

@@ -10,8 +10,9 @@ import pytest
 from driven import SIZE, drive, known, vehicle_of
 
 from uvms_ocp.identification.advice import advice
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import Noise, OutputErrorProblem
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.segments import PreparedRecording

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from driven import SIZE, drive, known, vehicle_of
 
+from uvms_ocp.identification.estimates import Estimate, Noise
 from uvms_ocp.identification.identified_numbers import numbers
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.predictor import (
     Predicted,

@@ -24,11 +24,11 @@ from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.calibration_robot import calibrated_robot, with_delays
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.fit import FitContext, Search
 from uvms_ocp.identification.held_constants import constant_slopes
 from uvms_ocp.identification.identified_numbers import MISSES, numbers
 from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import DELAYS, Unknowns
 from uvms_ocp.identification.prediction_errors import errors
 from uvms_ocp.identification.recording import Recording

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.experiment_design import (
     DesignSettings,
     DesignStatus,
@@ -33,7 +34,7 @@ from uvms_ocp.identification.knot_commands import (
 )
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.motions_by_hand import BY_HAND
-from uvms_ocp.identification.output_error import Noise, OutputErrorProblem
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.recording import Channel
 from uvms_ocp.identification.resampling import ZeroOrderHold

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from driven import ACTUATORS, drive, known, vehicle_of
 
+from uvms_ocp.identification.estimates import FitStatus, Noise
 from uvms_ocp.identification.exported_estimate import exported_estimate
 from uvms_ocp.identification.fit import FitContext, Search, search_fit
 from uvms_ocp.identification.held_constants import constant_slopes
 from uvms_ocp.identification.identified_numbers import IdentifiedNumber, numbers
 from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.output_error import FitStatus, Noise
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.segments import PreparedRecording

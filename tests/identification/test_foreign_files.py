@@ -299,7 +299,7 @@ def test_what_cannot_be_read_names_its_kind_and_the_cure(
 def test_a_few_bytes_do_not_hold_lines_without_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("uvms_ocp.identification.text_tables.MOST_ROWS", 1000)
+    monkeypatch.setattr("uvms_ocp.identification.text_files.MOST_ROWS", 1000)
     (tmp_path / "a.csv").write_bytes(gzip.compress(b"t,x,y,z\n" + b"#\n" * 100_000, mtime=0))
     with pytest.raises(InvalidInput, match="more than 1000 lines"):
         recording_of(tmp_path / "a.csv", {"position": POSITION})

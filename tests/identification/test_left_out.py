@@ -14,10 +14,10 @@ from driven import drive, known, vehicle_of
 from vehicles import vehicle as with_arm
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.fit import FitContext, Search
 from uvms_ocp.identification.fit_tables import left_out_tables
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.prediction_errors import SCORED, errors
 from uvms_ocp.identification.predictor import Predicted

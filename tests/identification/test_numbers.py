@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from driven import drive, known, vehicle_of
 
+from uvms_ocp.identification.estimates import Estimate, FitStatus, Noise
 from uvms_ocp.identification.identified_numbers import (
     IdentifiedNumber,
     numbers,
     values_of,
 )
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, OutputErrorProblem
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.segments import PreparedRecording

@@ -12,15 +12,10 @@ from driven import drive, known, turned, vehicle_of
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import rollout as rollouts
+from uvms_ocp.identification.estimates import Estimate, FitStatus, Noise, SearchPoint
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.normal_equations import NormalEquations
-from uvms_ocp.identification.output_error import (
-    Estimate,
-    FitStatus,
-    Noise,
-    OutputErrorProblem,
-    SearchPoint,
-)
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.rollout import (

@@ -12,6 +12,7 @@ import pytest
 from driven import drive, known, vehicle_of
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.estimates import FitStatus, Noise
 from uvms_ocp.identification.fit import (
     FitContext,
     Search,
@@ -20,7 +21,6 @@ from uvms_ocp.identification.fit import (
 from uvms_ocp.identification.identified_numbers import IdentifiedNumber, numbers
 from uvms_ocp.identification.jackknife import disagreed_numbers
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import FitStatus, Noise
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.prediction_bounds import ALONE, TOGETHER, PredictionBounds, fit_bounds
 from uvms_ocp.identification.prediction_text import prediction_data, prediction_lines, verdict_words

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from linear_problem import NOISE, problem
 
+from uvms_ocp.identification.estimates import ProfilePenalty
 from uvms_ocp.identification.identified_numbers import (
     INTERVAL,
     IdentifiedNumber,
     number_of,
     numbers,
 )
-from uvms_ocp.identification.output_error import ProfilePenalty
 from uvms_ocp.identification.profiles import profiles
 
 

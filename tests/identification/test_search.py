@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 from driven import drive, known, vehicle_of
 
+from uvms_ocp.identification.estimates import FitStatus, Noise, SearchPoint
 from uvms_ocp.identification.fit import Search, _drawn_minutes, resumed_search, search_fit
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.normal_equations import NormalEquations
-from uvms_ocp.identification.output_error import (
-    FitStatus,
-    Noise,
-    OutputErrorProblem,
-    SearchPoint,
-)
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.segments import PreparedRecording

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.predictor import Predicted
 from uvms_ocp.identification.whiteness import (
     CHANNELS,

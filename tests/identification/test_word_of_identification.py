@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from linear_problem import NOISE, LinearRollout, _stretch, problem, vehicle
 
+from uvms_ocp.identification.estimates import FitStatus
 from uvms_ocp.identification.identified_numbers import numbers
-from uvms_ocp.identification.output_error import FitStatus, OutputErrorProblem
+from uvms_ocp.identification.output_error import OutputErrorProblem
 
 AXES = ("surge", "sway", "heave")
 BLIND = {

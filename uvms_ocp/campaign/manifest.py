@@ -1,5 +1,5 @@
-"""The manifest of a campaign, a file beside its rows: a folder with rows of another campaign, or
-of a changed one, is refused.
+"""Manifest of a campaign, a file beside its rows that describes it, so that a folder with rows of
+another campaign, or of a changed one, is refused.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from uvms_ocp.record.manifest import STORE, read_as
 FILE = "campaign.json"
 """Name of the manifest in the folder of a campaign."""
 SOURCES = "sources"
-"""Folder of the copies of code and robots, in that of a campaign."""
+"""Name of the folder in that of a campaign with copies of code and robots."""
 MOST_RUNS = 10_000_000
-"""Runs that a campaign may have."""
+"""Largest number of runs of a campaign."""
 Kind: TypeAlias = Literal["int", "float", "str", "bool"]
 _KINDS: Mapping[Kind, type] = {"int": int, "float": float, "str": str, "bool": bool}
 
@@ -79,7 +79,7 @@ class CampaignManifest(FileModel, strict=True):
 
 
 def types_of(work: CampaignJob) -> dict[str, Kind]:
-    """Return the types of a job's columns by name, as `CampaignManifest` writes them."""
+    """Return the types of a job's columns by name, as in `CampaignManifest.columns`."""
     names: dict[type, Kind] = {kind: name for name, kind in _KINDS.items()}
     return {name: names[kind] for name, kind in columns_of(work).items()}
 
@@ -97,10 +97,10 @@ def read_manifest(folder: Path) -> CampaignManifest:
 
 
 def claim_manifest(folder: Path, manifest: CampaignManifest) -> None:
-    """Write down what a new campaign is, or of how many more runs one is now that can grow.
+    """Write the manifest of a new campaign, or the number of runs of one that grows.
 
-    Raises `InvalidInput`, naming what differs, for another campaign, and for a folder of something
-    else.
+    Raises `InvalidInput` for a folder with another campaign, with the first difference, or with
+    anything else.
     """
     stored = read_as(CampaignManifest, folder / FILE)
     values = json.loads(manifest.model_dump_json())
@@ -125,7 +125,7 @@ def claim_manifest(folder: Path, manifest: CampaignManifest) -> None:
 
 
 def _differences(place: str, stored: Any, requested: Any) -> Iterator[str]:
-    """Yield where two values of a manifest differ, and how; place: names that lead there."""
+    """Yield the differences of two values of a manifest; place: names that lead to them."""
     if isinstance(stored, dict) and isinstance(requested, dict):
         for name in stored | requested:
             name_place = f"{place} {name}" if place else name
@@ -135,4 +135,5 @@ def _differences(place: str, stored: Any, requested: Any) -> Iterator[str]:
 
 
 def _short_text(value: Any) -> str:
+    """Return a value in at most 40 characters."""
     return plain_line("none" if value is None else str(value), 40)

@@ -40,7 +40,7 @@ _QUANTILE_NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
 
 
 def tool_metrics(robot: Robot) -> dict[str, str]:
-    """Return the tool of each metric that is of one of several; none where there is one tool."""
+    """Return the metrics of single tools, each with its tool; none for a robot with one tool."""
     if len(robot.tools) <= 1:
         return {}
     tools = {}
@@ -51,7 +51,9 @@ def tool_metrics(robot: Robot) -> dict[str, str]:
 
 
 def metrics_among(columns: Iterable[str]) -> dict[str, str]:
-    """Return `METRICS`, and those of tools among the columns of a campaign, with their meanings."""
+    """Return `METRICS` and the metrics of single tools among columns of a campaign, with their
+    meanings.
+    """
     meanings = dict(METRICS)
     for name in columns:
         kind = kind_of(name)
@@ -61,7 +63,7 @@ def metrics_among(columns: Iterable[str]) -> dict[str, str]:
 
 
 def kind_of(name: str) -> str:
-    """Return the metric that a column is of, without its tool."""
+    """Return the metric in a column, without its tool."""
     return name.partition("[")[0]
 
 
@@ -137,8 +139,8 @@ def metric_values(table: Any, name: str) -> np.ndarray:
 
 
 def distribution_table(table: Any) -> list[dict[str, Any]]:
-    """Return one row per metric that some run has: quantiles over the runs that have it, failed
-    ones too.
+    """Return one row per metric that some run has, with quantiles over those runs, failed ones
+    among them.
     """
     rows = []
     for name, meaning in metrics_among(table).items():

@@ -15,7 +15,7 @@ from uvms_ocp.record.meta_values import PLANTS
 from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
 
-if TYPE_CHECKING:  # plans need none of it, and would wait a tenth of a second
+if TYPE_CHECKING:  # commands that plan need neither, and would wait a tenth of a second for them
     from uvms_ocp.control.velocity.kinematic import HierarchySolver
     from uvms_ocp.scenario.scenario import Scenario
 
@@ -94,9 +94,9 @@ RobotName = Annotated[
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RobotFiles:
-    """Options of reading the files of a robot.
+    """Options for reading the files of a robot.
 
-    What is left out is as its hydrodynamics.yaml says, under the same names.
+    Those that are not given are as the robot's hydrodynamics.yaml says, under the same names.
     """
 
     hydrodynamics: Annotated[
@@ -147,7 +147,7 @@ class RobotFiles:
 
     @property
     def loading(self) -> dict[str, Any]:
-        """Arguments of `uvms_ocp.load_robot`, those that were given.
+        """Arguments of `uvms_ocp.load_robot` from the options that were given.
 
         Raises `InvalidInput` for a position of a locked joint that is no number.
         """
@@ -167,7 +167,7 @@ class RobotFiles:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of a scenario, those that were given."""
+        """Options of a scenario from those about files that were given."""
         return given_options(hydrodynamics=self.hydrodynamics, loading=self.loading or None)
 
 
@@ -185,15 +185,13 @@ def _locked_joint(words: str) -> tuple[str, float]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PlannedRobotFiles(RobotFiles):
-    """Files of a robot whose motion is planned; there ``--tool`` is the goal, not the tool's
-    link.
-    """
+    """Files of a robot whose motion is planned: without ``--tool``, which is the goal there."""
 
     tool_link: Annotated[_Words, typer.Option(metavar="LINK", help=_TOOL)] = None
 
 
 AS_WRITTEN = RobotFiles()
-"""No option given: the robot's own files decide."""
+"""No option: the robot is as its own files say."""
 
 
 PlantName = Annotated[
@@ -223,7 +221,7 @@ class ScenarioOptions(RobotFiles):
 
     @property
     def chosen(self) -> dict[str, Any]:
-        """Options of a scenario, those that were given."""
+        """Options of a scenario from all that were given."""
         return given_options(
             robot=self.robot,
             **self.options,
@@ -234,7 +232,7 @@ class ScenarioOptions(RobotFiles):
 
 
 AS_IT_IS = ScenarioOptions()
-"""No option given: all is as the scenario has it."""
+"""No option: robot, plant and water are those of the scenario."""
 
 Out = Annotated[
     Path | None, typer.Option(metavar="DIR", parser=named_folder, help="Folder for the results.")

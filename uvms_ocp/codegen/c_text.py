@@ -1,4 +1,4 @@
-"""Texts of C that stand before generated code, and constants of Python written as macros of C."""
+"""C code that is put before generated code, and constants of Python written as macros of C."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ def _c_text(name: str) -> str:
 
 
 MATH = _c_text("math")
-"""Text before the code of CasADi functions: fmax and fmin would be calls into libm, hundreds in a
-tick; like them these return what is a number where one of both is.
+"""Put before the code of CasADi functions: fmax and fmin in line, in place of hundreds of calls into
+libm in a tick. Like those of libm, they return the other argument where one is NaN.
 """
 PARTS = _c_text("parts")
-"""Text before the code of CasADi functions that are in parts."""
+"""Put before the code of CasADi functions that are split into parts."""
 WIDE_MACROS = _c_text("wide")
-"""Text before what is marked WIDE or INLINE."""
+"""Put before code with the macros WIDE and INLINE: defines them."""
 EXACT = _c_text("exact")
-"""Text before what other programs compile, so that their flags change no number."""
+"""Put before code that users compile, so that the flags of their compiler change no number."""
 
 
 def constants_of(module: ModuleType) -> dict[str, float]:
-    """Return the numbers that a module names in capitals."""
+    """Return the numeric constants of a module: its names in capitals."""
     constants = {}
     for name, value in vars(module).items():
         if name.isupper() and isinstance(value, int | float):

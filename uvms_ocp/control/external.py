@@ -30,14 +30,14 @@ class ReportingController(Protocol):
 
 
 class SupervisedController(TableDisplay):
-    """A callable ``(StateEstimate, t) -> Command`` that asks another one, and tells what the
-    mission makes of it.
+    """A controller ``(StateEstimate, t) -> Command`` that passes on the commands of another one,
+    while a kinematic layer of its own follows the mission.
 
-    A kinematic layer of its own measures all quantities, goes through the phases and ends the run;
-    what it would command goes nowhere. So a PID, a learned policy or the exported controller gets
-    the record, report and figures of our own. Alarms of a `ReportingController` go into the record,
-    and where it gives up the mission is given up with its reason. What thrusters and joints meet
-    nobody hears: no mission is given up for thrust, contact or a faulty actuator.
+    The kinematic layer measures all quantities, goes through the phases and ends the run; its own
+    commands are dropped. So a PID, a learned policy or the exported controller gets the same
+    record, report and figures as ours. Alarms of a `ReportingController` go into the record, and
+    where it gives up, the mission is given up with its reason. Feedback from thrusters and joints
+    is not used: no mission is given up for thrust, contact or a faulty actuator.
     """
 
     def __init__(
@@ -48,20 +48,18 @@ class SupervisedController(TableDisplay):
         n_thrusters: int | None,
         name: str,
     ) -> None:
-        """n_thrusters: of the plant; `None` for one that takes velocities, without thrust and
-        torque.
-
-        name: what messages call the controller.
+        """n_thrusters: number of thrusters of the plant; `None` for a plant that takes velocities
+        alone. name: of the controller, in messages.
         """
         self.kinematic = kinematic
         """Kinematic layer that follows the mission."""
         self._wrapped = controller
         self.name = name
         self._reporting = controller if isinstance(controller, ReportingController) else None
-        self._heard = 0
-        """Alarms that were taken over."""
+        self._n_alarms = 0
+        """Number of its alarms that were taken over."""
         self._fault = ""
-        """Reason why the controller has given up, as the mission was told."""
+        """Reason why the controller has given up that the mission has been told."""
         robot = kinematic.robot
         self._shapes: dict[str, tuple[int, ...]] = {"v": (robot.n_v,)}
         if n_thrusters is not None:
@@ -86,10 +84,12 @@ class SupervisedController(TableDisplay):
         )
 
     def _hear(self, controller: ReportingController) -> None:
-        """Take over new alarms; that it has given up the mission hears at its next tick."""
+        """Take over new alarms, and tell the mission, for its next tick, if the controller has
+        given up.
+        """
         alarms = controller.alarms
-        self.kinematic.watchdog.alarms.extend(alarms[self._heard :])
-        self._heard = len(alarms)
+        self.kinematic.watchdog.alarms.extend(alarms[self._n_alarms :])
+        self._n_alarms = len(alarms)
         if controller.given_up != self._fault:
             self._fault = controller.given_up
             self.kinematic.on_actuation_feedback(ActuationFeedback(fault=self._fault))
@@ -100,6 +100,9 @@ class SupervisedController(TableDisplay):
         )
 
     def _require(self, command: Any, watched: Command) -> None:
+        """Raise `InvalidInput` for a command that the plant cannot take, or whose telemetry has
+        names of the mission's.
+        """
         if not isinstance(command, Command):
             raise InvalidInput(
                 f"controller {self.name} returned {type(command).__name__}; return a Command"
@@ -120,16 +123,15 @@ class SupervisedController(TableDisplay):
 def require_numbers(
     whose: str, name: str, value: np.ndarray | None, shape: tuple[int, ...]
 ) -> None:
-    """Raise `InvalidInput`, with the words that say whose it is, for a value (n,) [any unit] that
-    is not as wanted.
+    """Raise `InvalidInput` for a value (n,) [any unit] that is not finite or not of the shape.
 
-    shape: that it has to have.
+    whose, name: owner and name of the value, for the message.
     """
     if value is None:
         problem = "None"
     elif value.shape != shape:
         problem = f"of shape {value.shape}"
-    elif value.dtype != float:  # of which the record would keep the whole part alone
+    elif value.dtype != float:  # the record would keep whole numbers alone
         problem = f"of type {value.dtype}"
     elif not np.isfinite(value).all():
         problem = "not finite"

@@ -74,7 +74,7 @@ class ReplanningJob:
 
 @checked_dataclass()
 class SynchronousWorker:
-    """Worker within the tick that asks, which lasts as long: simulations are reproducible. Plans are as
+    """Worker that solves within the tick that asks, so that simulations are reproducible. Plans are as
     late as their solves took.
     """
 
@@ -83,12 +83,13 @@ class SynchronousWorker:
 class ProcessWorker:
     """Worker in a process of its own: no tick waits, and a plan takes over when it is ready.
 
-    It begins where the vehicle will be then, as long after the measurement as solves take of late.
+    A plan begins where the vehicle will be when it is ready, as long after the measurement as
+    recent solves took.
 
-    The process is started anew, not forked: what starts it must be importable (``if __name__ ==
-    "__main__":`` around a script), and so must all that the problem is made of, such as functions
-    and classes that give moving goals. It ends with the controller, or with the process that
-    started it.
+    The process is started anew, not forked: the script that starts it must be importable (``if
+    __name__ == "__main__":`` around its calls), and so must all parts of the problem, such as
+    functions and classes that give moving goals. The process ends with the controller, or with the
+    process that started it.
     """
 
     lead: Positive = 1.0
@@ -101,10 +102,10 @@ class ProcessWorker:
 
 
 def start_worker(worker: SynchronousWorker | ProcessWorker, job: ReplanningJob) -> RunningWorker:
-    """Make a worker that is ready; a process is waited for.
+    """Start a worker, and wait until it is ready.
 
-    Raises `InvalidInput` for a problem that cannot be sent to a process, and `UvmsError` where that
-    does not get ready.
+    Raises `InvalidInput` for a problem that cannot be sent to a process, and `UvmsError` where the
+    process does not get ready.
     """
     if isinstance(worker, ProcessWorker):
         return RunningProcess(job, worker)
@@ -129,13 +130,13 @@ class RunningSynchronously:
         self._delay = LateSolves()
 
     def delay(self, period: float) -> float:
-        """Return the time [s] from a request to the beginning of the plan: until the next request, in a period
-        [s], so that runs are the same on every machine, unless solves of late took longer.
+        """Return the time [s] from a request to the beginning of the plan: the period [s] between
+        requests, so that runs are the same on every machine, unless recent solves took longer.
         """
         return max(period, self._delay.seconds)
 
     def ask(self, request: ReplanningRequest) -> None:
-        """Begin a solve; only where the last one was answered."""
+        """Solve at once, unless the worker was closed."""
         if self.status is not WorkerStatus.WORKING:
             return
         self._answer = self._replanner(request)
@@ -151,7 +152,7 @@ class RunningSynchronously:
         return answer
 
     def close(self) -> None:
-        """End whatever runs beside; may be called twice."""
+        """Take no further requests; may be called twice."""
         self.status = WorkerStatus.CLOSED
 
 
@@ -183,6 +184,7 @@ class RunningProcess:
         self._await_start()
 
     def _await_start(self) -> None:
+        """Wait until the process is ready. Raises `UvmsError` where it does not get ready."""
         error: object = (
             f"it was not ready after {self._limits.start_timeout:g} s; raise start_timeout"
         )
@@ -197,8 +199,8 @@ class RunningProcess:
         raise UvmsError(f"the process of the solver: {error}")
 
     def delay(self, period: float) -> float:
-        """Return the time [s] from a request to the beginning of the plan, by the solves of late; period [s]:
-        until the next request, which does not matter.
+        """Return the time [s] from a request to the beginning of the plan, by recent solves; period
+        [s]: between requests, not used.
         """
         return self._delay.seconds
 
@@ -213,7 +215,9 @@ class RunningProcess:
             self._end(WorkerStatus.CRASHED)
 
     def answer(self) -> ReplanningResult | None:
-        """Look for an answer, and whether the process is still at it."""
+        """Return the answer if there is one, else `None`; stops a process that has crashed or takes
+        too long. Never waits.
+        """
         if self.status is not WorkerStatus.WORKING:
             return None
         try:
@@ -238,8 +242,8 @@ class RunningProcess:
         self._process.join()
 
     def _end(self, status: WorkerStatus) -> None:
-        """Stop the process: one that is closed has a moment to give back what it has of the system,
-        any other one ends at once, whatever it does, as a solve in a library listens to nobody.
+        """Stop the process: a closed one gets a moment to give back its system resources; any other
+        one is killed, as a solve in a library cannot be asked to stop.
         """
         self.status = status
         self._selector.close()
@@ -253,8 +257,8 @@ RunningWorker: TypeAlias = RunningSynchronously | RunningProcess
 
 
 class SolveDelay:
-    """Delay of plans by the longest solve of late. A plan that is late all the same keeps its time stamps; one that
-    is early has to wait.
+    """Delay of plans by the longest recent solve. A plan that is later than that keeps its time
+    stamps; one that is earlier has to wait.
     """
 
     def __init__(self, first: float) -> None:
@@ -272,8 +276,8 @@ class SolveDelay:
 
 
 class LateSolves:
-    """Delay of plans by the longest of the last few solves but one, as soon as there are enough of them: one that was
-    slow by chance does not count.
+    """Delay of plans by the second longest of the last few solves, as a single one may be slow by
+    chance; by the longest while there are too few.
     """
 
     def __init__(self) -> None:
@@ -295,6 +299,7 @@ class LateSolves:
 
 
 def _sent(job: ReplanningJob) -> bytes:
+    """Pickle a job for a process. Raises `InvalidInput`."""
     try:
         return pickle.dumps((job.problem, job.period, job.options, job.gains))
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -305,8 +310,8 @@ def _sent(job: ReplanningJob) -> bytes:
 
 
 def _serve(connection: Connection, words: bytes) -> None:
-    """Run the other process: solve until no one asks any more."""
-    # Whoever interrupts the controller leaves it to the controller to end this process.
+    """Run the process of a worker: solve requests until the connection is closed."""
+    # Ctrl-C reaches this process too, but the controller ends it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         problem, period, options, gains = pickle.loads(words)
@@ -314,8 +319,8 @@ def _serve(connection: Connection, words: bytes) -> None:
     except Exception as error:
         connection.send(f"{type(error).__name__}: {error}")
         return
-    # All that was built stays: whoever looked through it for garbage would keep a plan waiting for
-    # longer than it takes.
+    # All that was built stays: a garbage collection that looks through it takes longer than a
+    # solve.
     gc.collect()
     gc.freeze()
     connection.send(None)

@@ -14,7 +14,7 @@ from uvms_ocp.estimation.filter_memory import JOINT_SLOTS, JOINT_STATES, FilterM
 from uvms_ocp.estimation.joint_travel import goes_along
 
 _FIRST = int(filtering.ChannelIndex.JOINT_POSITIONS)
-_CLEAR_WAY = 40.0  # times the noise of an encoder from which on a way of one tick tells something
+_CLEAR_WAY = 40.0  # way within a tick, in deviations of the encoder, that is no noise for sure
 
 
 def predict_joints(filter: FilterMemory) -> None:
@@ -46,7 +46,7 @@ def predict_joints(filter: FilterMemory) -> None:
 
 
 def _active(filter: FilterMemory) -> int:
-    """Return the rows of the covariances that are in use, and one more."""
+    """Count the rows of the covariances up to the last clone in use."""
     slot = JOINT_SLOTS - 1
     while slot >= 0 and filter.joint_owner[slot] < 0.0:
         slot -= 1
@@ -54,7 +54,9 @@ def _active(filter: FilterMemory) -> int:
 
 
 def _bound(filter: FilterMemory, j: int, i: int) -> None:
-    """Bound variances by `joint_limit`: what is lost or unknown falls back to it."""
+    """Bound the variance of state i of joint j by `joint_limit`, which a state that is lost or
+    unknown falls back to.
+    """
     largest_variance = filter.joint_limit[i] * filter.joint_limit[i]
     lost = not math.isfinite(filter.joint_x[j][i])
     P = filter.joint_P[j][i][i]
@@ -74,6 +76,7 @@ def _bound(filter: FilterMemory, j: int, i: int) -> None:
 
 
 def _clear(filter: FilterMemory, j: int, i: int, variance: float) -> None:
+    """Set the variance of state i of joint j, uncorrelated with all others."""
     for k in range(JOINT_STATES):
         filter.joint_P[j][i][k] = 0.0
         filter.joint_P[j][k][i] = 0.0
@@ -100,7 +103,7 @@ def fuse_joints(filter: FilterMemory) -> None:
 
 
 def _are_of_one_time(filter: FilterMemory) -> bool:
-    """Return whether fresh positions and rates tell of now, both."""
+    """Return whether fresh positions and fresh rates were both taken at this tick."""
     rates = _FIRST + 1
     return (
         filter.fresh[_FIRST] != 0.0
@@ -114,7 +117,7 @@ def _are_of_one_time(filter: FilterMemory) -> bool:
 
 
 def _is_thrown(filter: FilterMemory, j: int) -> bool:
-    """Return whether position and rate of a joint surprise alike."""
+    """Return whether a joint was thrown: its rate jumped, and its position went along with it."""
     rate_off = filter.joint_value[1][j] - filter.joint_x[j][1]
     way = rate_off * max(filter.dt, filter.period[_FIRST])
     off = filter.joint_value[0][j] - filter.joint_x[j][0]
@@ -125,8 +128,8 @@ def _is_thrown(filter: FilterMemory, j: int) -> bool:
 
 
 def _expect_thrown(filter: FilterMemory, j: int) -> None:
-    """Inflate the variances of position and rate to what their readings tell, by one and the same
-    throw.
+    """Inflate the variances of position and rate of a thrown joint by the squares of what their
+    readings differ from the prediction.
     """
     off = filter.joint_value[0][j] - filter.joint_x[j][0]
     rate_off = filter.joint_value[1][j] - filter.joint_x[j][1]
@@ -135,6 +138,7 @@ def _expect_thrown(filter: FilterMemory, j: int) -> None:
 
 
 def _ingest(filter: FilterMemory, channel: int) -> None:
+    """Fuse the reading of a channel: joints that are unknown take it over, others are gated."""
     value = filter.joint_value[channel - _FIRST]
     count = 0
     limit = filtering.UNKNOWN * filter.joint_limit[0] * filter.joint_limit[0]
@@ -148,7 +152,7 @@ def _ingest(filter: FilterMemory, channel: int) -> None:
     for j in range(filter.n_joints):
         filter.joint_unknown[j] = channel == _FIRST and filter.joint_P[j][0][0] > limit
         if filter.joint_unknown[j] != 0.0:
-            # Take the first reading for the truth.
+            # Take over the first reading.
             age = filter.now - filter.stamp[_FIRST]
             sigma = filter.sigma[_FIRST]
             filter.joint_x[j][0] = filter.joint_value[0][j] + age * filter.joint_x[j][1]
@@ -187,6 +191,7 @@ def _rate(filter: FilterMemory, j: int, k: int, slot: int) -> float:
 
 
 def _rate_variance(filter: FilterMemory, j: int, k: int, slot: int) -> float:
+    """Return the variance of `_rate`."""
     present_variance = 0.0 if k != 0 else filter.joint_P[j][1][1]
     if slot < 0:
         return present_variance
@@ -221,7 +226,7 @@ def _gate(filter: FilterMemory, channel: int, slot: int, delta: float) -> None:
         )
         nu = filter.joint_value[k][j] - h - delta * rate
         S = filter.joint_P[j][state][state] + R
-        # Beside what accelerations can do, a joint with a rate may stop.
+        # Besides the planned accelerations, a joint that moves may stop.
         stop = abs(h if k != 0 else rate) * (
             update.time_since_accepted(filter, channel) if channel == _FIRST else 1.0
         )
@@ -260,9 +265,9 @@ def _is_consistent(filter: FilterMemory, channel: int, j: int, nu: float, S: flo
 def _inflate_surprised(filter: FilterMemory, j: int, channel: int, squared: float) -> None:
     """Inflate the variances of a joint that has moved as the process model did not expect.
 
-    What is more than twice an acceleration that is planned came at once, where positions are in
-    time and alone tell of it: it was faster ever since the last reading that was believed. Less may
-    be a delay that nobody knows of.
+    More than twice the way of a planned acceleration means a jolt right after the last reading that
+    was believed, so that the rate was wrong since then. That is told only where positions come
+    without delay and no rates are measured; less may come from an unknown delay.
     """
     time = update.time_since_accepted(filter, channel)
     since = max(filter.stamp[channel] - filter.used[channel], filter.dt)
@@ -294,7 +299,9 @@ def _relax(filter: FilterMemory, j: int, channel: int, squared: float) -> None:
 
 
 def _inflate_own(filter: FilterMemory, j: int, channel: int, variance: float) -> None:
-    """Add a common error of a variance to what the channel sees of a joint, now and in its clones."""
+    """Add a variance to the state of a joint that a channel measures, and, fully correlated, to the
+    clones of that channel.
+    """
     for a in range(JOINT_STATES):
         for b in range(JOINT_STATES):
             if _is_of(filter, channel, a) and _is_of(filter, channel, b):
@@ -302,7 +309,7 @@ def _inflate_own(filter: FilterMemory, j: int, channel: int, variance: float) ->
 
 
 def _is_of(filter: FilterMemory, channel: int, state: int) -> bool:
-    """Return whether a channel sees a state, or saw the clone that it is."""
+    """Return whether a state is the one that a channel measures, or a clone of that channel."""
     if state >= 2:
         return filter.joint_owner[state - 2] == channel
     return state == channel - _FIRST
@@ -326,6 +333,7 @@ def _correct(filter: FilterMemory, j: int, state: int, nu: float, R: float, n: i
 
 
 def _clone(filter: FilterMemory, channel: int) -> None:
+    """Clone the state that a channel measures into a free slot, for a reading that comes late."""
     slot = update.free_slot(filter.joint_owner, JOINT_SLOTS)
     k = channel - _FIRST
     if slot < 0:

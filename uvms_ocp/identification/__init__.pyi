@@ -8,6 +8,7 @@ from .channel_mapping import (
     read_mapping as read_mapping,
 )
 from .data_quality import check_data_quality as check_data_quality
+from .estimates import Noise as Noise
 from .experiment_design import (
     DesignSettings as DesignSettings,
     ExperimentTask as ExperimentTask,
@@ -20,7 +21,6 @@ from .identified_numbers import (
 )
 from .mapped_recordings import mapped_recording as mapped_recording
 from .model import Vehicle as Vehicle, stage_of as stage_of
-from .output_error import Noise as Noise
 from .parameters import AXES as AXES
 from .predictor import Predictor as Predictor, fit_percent as fit_percent
 from .reading import read_recording as read_recording

@@ -11,12 +11,12 @@ from uvms_ocp.identification import model, parameters, uncertainty, validation
 from uvms_ocp.identification.calibration_robot import CalibratedRobot, with_delays
 from uvms_ocp.identification.completed_recordings import along_axes, with_thrust
 from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.estimates import Estimate, FitStatus, Noise
 from uvms_ocp.identification.exported_estimate import ExportedEstimate, exported_estimate
 from uvms_ocp.identification.fit import FitContext, Search
 from uvms_ocp.identification.held_constants import HeldConstant, held_constants
 from uvms_ocp.identification.identified_numbers import IdentifiedNumber, numbers
 from uvms_ocp.identification.jackknife import DisagreedNumber, disagreed_numbers
-from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.prediction_bounds import PredictionBounds, fit_bounds
 from uvms_ocp.identification.prediction_text import verdict_words
 from uvms_ocp.identification.predictor import Predicted

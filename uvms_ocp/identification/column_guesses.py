@@ -93,8 +93,12 @@ class _Columns:
         is_free = np.ptp(self.values, axis=0) > 0.0
         for group in self.groups.values():
             is_free[list(group)] = False
-        starts = range(len(is_free) - width + 1)
-        return [range(k, k + width) for k in starts if is_free[k : k + width].all()]
+        groups = []
+        for first in range(len(is_free) - width + 1):
+            group = range(first, first + width)
+            if is_free[list(group)].all():
+                groups.append(group)
+        return groups
 
     def rates_of(self, pose: range) -> Iterator[range]:
         """Yield groups as large as the rate of a pose, with any axes."""

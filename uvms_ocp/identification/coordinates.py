@@ -4,7 +4,7 @@ possible.
 Positive numbers, intervals, positive definite matrices (log-Cholesky), drag that dissipates
 whatever the motion, inertia of some distribution of mass [Rucker2022]. A quantity is decoded from
 its coordinates as a CasADi expression, so that models are differentiated through it. Standard
-deviations of priors are those of coordinates: relative ones, about, for what must be positive.
+deviations of priors are those of coordinates; of positive quantities they are about relative ones.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Positives:
         return ca.exp(x)
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """Compute logarithms of value (n,) [unit of the quantity]. Raises InvalidInput for another shape,
-        or what is not positive.
+        """Compute logarithms of value (n,) [unit of the quantity]. Raises InvalidInput for another
+        shape, or a number that is not positive.
         """
         return np.log(positive(_column(value, self.names), "value"))
 
@@ -102,7 +102,7 @@ class PositiveDefinite:
     axes: tuple[str, ...]
     """(n,) names of rows and columns."""
     scale: np.ndarray
-    """(n,) [root of the unit of the diagonal] S, of the size that roots of the diagonal have."""
+    """(n,) [root of the unit of the diagonal] S, typical sizes of the roots of the diagonal."""
     couplings: tuple[tuple[int, int], ...] = ()
     """Pairs of axes, in any order; products of L also couple axes that two pairs have in common."""
 
@@ -174,7 +174,7 @@ def _column(value: np.ndarray, names: Sequence[str]) -> np.ndarray:
 class LinearDrag:
     """Linear drag ``D = P + K`` that dissipates: P is positive definite, and K skew, whose power is 0.
 
-    Both are coupled where `symmetric` is.
+    K couples the axes that `symmetric` couples.
     """
 
     symmetric: PositiveDefinite
@@ -203,7 +203,9 @@ class LinearDrag:
         D = np.asarray(value, dtype=float)
         symmetric = self.symmetric.encode((D + D.T) / 2)
         skew_part = (D - D.T) / 2
-        couplings = [skew_part[i, j] / self._unit(i, j) for i, j in self.symmetric.below]
+        couplings = []
+        for i, j in self.symmetric.below:
+            couplings.append(skew_part[i, j] / self._unit(i, j))
         return np.concatenate([symmetric, couplings])
 
     def _unit(self, i: int, j: int) -> float:
@@ -215,8 +217,8 @@ class LinearDrag:
 class QuadraticDrag:
     """Quadratic drag ``Q (|nu| nu)`` that dissipates, each column with the speed of its axis.
 
-    It meets the condition of `uvms_ocp.robot.drag_passivity` by construction: the diagonal is what
-    the couplings need, and a positive number more.
+    It meets the condition of `uvms_ocp.robot.drag_passivity` by construction: the diagonal is one
+    with which the couplings dissipate, plus positive numbers.
     """
 
     axes: tuple[str, ...]
@@ -224,7 +226,7 @@ class QuadraticDrag:
     scale: np.ndarray
     """(6,) [N/(m/s)^2, N m/(rad/s)^2] typical size of the diagonal; axes with 0 have no drag."""
     speed: np.ndarray
-    """(6,) [m/s, rad/s] speed at which couplings are weighed against each other."""
+    """(6,) [m/s, rad/s] typical speed of each axis, which weighs couplings."""
     couplings: tuple[tuple[int, int], ...] = ()
     """Pairs of row and column: force on the first axis from the motion of the second."""
 
@@ -268,23 +270,30 @@ class QuadraticDrag:
         couplings outweigh the diagonal.
         """
         Q = np.asarray(value, dtype=float)
-        coupled = {(i, j): Q[i, j] / self._unit(i, j) for i, j in self.couplings}
-        needed = self._needed_diagonal({pair: float(_magnitude(x)) for pair, x in coupled.items()})
-        remaining = np.array([(Q[i, i] - needed[i]) / self.scale[i] for i in self.diagonal])
-        diagonal = np.log(positive(remaining, "drag left for the diagonal"))
-        return np.concatenate([diagonal, list(coupled.values())])
+        couplings = []
+        sizes = {}
+        for i, j in self.couplings:
+            coupling = Q[i, j] / self._unit(i, j)
+            couplings.append(coupling)
+            sizes[i, j] = float(_magnitude(coupling))
+        needed = self._needed_diagonal(sizes)
+        remaining = []
+        for i in self.diagonal:
+            remaining.append((Q[i, i] - needed[i]) / self.scale[i])
+        diagonal = np.log(positive(np.array(remaining), "drag left for the diagonal"))
+        return np.concatenate([diagonal, couplings])
 
     def _needed_diagonal(self, sizes: dict[tuple[int, int], ca.SX | float]) -> list[ca.SX | float]:
-        """Compute the diagonal (6,) with which couplings of these sizes dissipate, with the speeds as
-        weights.
+        """Compute a diagonal (6,) with which couplings of these sizes dissipate, by Young's
+        inequality with the speeds as weights.
         """
-        d: list[ca.SX | float] = [0.0] * 6
+        diagonal: list[ca.SX | float] = [0.0] * 6
+        speed = self.speed
         for (i, j), size in sizes.items():
             force = size * self._unit(i, j)
-            speed = self.speed
-            d[i] += force * speed[j] ** 2 / (3 * speed[i] ** 2)
-            d[j] += 2 * force * speed[i] / (3 * speed[j])
-        return d
+            diagonal[i] += force * speed[j] ** 2 / (3 * speed[i] ** 2)
+            diagonal[j] += 2 * force * speed[i] / (3 * speed[j])
+        return diagonal
 
     def _unit(self, i: int, j: int) -> float:
         """Return the size of a coupling, row i and column j [N/(m/s)^2, ...]: the mean of both
@@ -304,9 +313,9 @@ def _magnitude(x: ca.SX | float) -> ca.SX | float:
 QuantityCoordinates: TypeAlias = (
     Reals | Positives | Interval | PositiveDefinite | LinearDrag | QuadraticDrag
 )
-"""A quantity by its coordinates x (n,) [-, or the unit of the quantity]: their names, which follow
-that of the quantity, the quantity at x, and x of a value, for which InvalidInput is raised where no
-x stands for it.
+"""Map between a quantity and its coordinates x (n,) [-, or the unit of the quantity]: `names` of the
+coordinates, `decode` from x to the quantity, and `encode` from a value to x, which raises
+InvalidInput for a value that no x stands for.
 """
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.experiment_limits import ExperimentLimits
 from uvms_ocp.identification.identified_numbers import (
     DETERMINED_BELOW,
@@ -33,7 +34,6 @@ from uvms_ocp.identification.knot_commands import (
 )
 from uvms_ocp.identification.model import N_Q, N_V, Vehicle
 from uvms_ocp.identification.motions_by_hand import BY_HAND
-from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.recording import Channel
 from uvms_ocp.identification.resampling import ZeroOrderHold
 from uvms_ocp.identification.rollout import Rollout

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_ocp.identification import parameters, uncertainty
+from uvms_ocp.identification.estimates import Estimate, FitStatus
 from uvms_ocp.identification.fit import FitContext
 from uvms_ocp.identification.identified_numbers import (
     INTERVAL,
@@ -24,7 +25,6 @@ from uvms_ocp.identification.identified_numbers import (
     slopes_of,
     values_of,
 )
-from uvms_ocp.identification.output_error import Estimate, FitStatus
 
 _OF_BODIES = ("mass", "added_mass", "volume")
 """Quantities that no body in water has next to none of."""

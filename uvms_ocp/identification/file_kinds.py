@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.text_tables import LONGEST_LINE
+from uvms_ocp.identification.text_files import LONGEST_LINE
 from uvms_ocp.record.untrusted import as_input_errors, require_regular_file
 
 Table = Literal["text", "workbook", "parquet", "npz", "mat", "hdf5", "npy", "arrays"]
@@ -22,15 +22,21 @@ MESSAGES: tuple[Kind, ...] = get_args(Messages)
 """Kinds that hold messages of topics; all others are tables."""
 BAG_METADATA = "metadata.yaml"
 """Name of the file that describes a folder of ROS 2."""
-_TABLE = (
-    (files("uvms_ocp.identification") / "file_kinds.csv").read_text(encoding="utf-8").splitlines()
-)
-_KINDS: dict[bytes, tuple[Any, str]] = {
-    row[0].encode().decode("unicode_escape").encode("latin-1"): (row[1], row[2])
-    for row in csv.reader(_TABLE[1:])
-}
-"""Kinds of files by their first bytes, or for one that is not read its description and advice.
-"""
+
+
+def _kinds() -> dict[bytes, tuple[Any, str]]:
+    """Read the table ``file_kinds.csv``."""
+    table = files("uvms_ocp.identification") / "file_kinds.csv"
+    _, *rows = csv.reader(table.read_text(encoding="utf-8").splitlines())
+    kinds = dict[bytes, tuple[Any, str]]()
+    for escaped_bytes, kind, advice in rows:
+        first_bytes = escaped_bytes.encode().decode("unicode_escape").encode("latin-1")
+        kinds[first_bytes] = kind, advice
+    return kinds
+
+
+_KINDS = _kinds()
+"""Kind and advice by the first bytes of files; of kinds that are not read a description."""
 _JSON = re.compile(rb"(\xef\xbb\xbf)?\s*(\{|\[\s*[{\[])")
 _MAVLINK_STARTS = (0xFD, 0xFE)
 _STAMP = 8  # [B] before each message of a .tlog

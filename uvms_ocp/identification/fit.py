@@ -14,14 +14,9 @@ from itertools import groupby
 
 import numpy as np
 
+from uvms_ocp.identification.estimates import Estimate, FitStatus, Noise, ProfilePenalty
 from uvms_ocp.identification.model import Vehicle
-from uvms_ocp.identification.output_error import (
-    Estimate,
-    FitStatus,
-    Noise,
-    OutputErrorProblem,
-    ProfilePenalty,
-)
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.predictor import (
     Predicted,
     Predictor,

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_ocp.identification import parameters, uncertainty
+from uvms_ocp.identification.estimates import Estimate
 from uvms_ocp.identification.fit import FitContext
 from uvms_ocp.identification.identified_numbers import slopes_of
 from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.output_error import Estimate
 from uvms_ocp.identification.parameters import Declaration, Unknowns
 from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.settings import CalibrationSettings

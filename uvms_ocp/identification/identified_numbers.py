@@ -14,8 +14,8 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.identification import coordinates, parameters
+from uvms_ocp.identification.estimates import Estimate, FitStatus
 from uvms_ocp.identification.model import Vehicle
-from uvms_ocp.identification.output_error import Estimate, FitStatus
 from uvms_ocp.identification.uncertainty import NEXT_TO_NOTHING, covariance
 from uvms_ocp.identification.whiteness import Whiteness
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.identification import output_error
+from uvms_ocp.identification import estimates
 from uvms_ocp.identification.trajectory_simulator import ExperimentTrajectory
 
 _NEXT_TO_NOTHING = 1e-6  # [1 / unknowns^2] information on an unknown without a prior
@@ -25,7 +25,7 @@ class InformationCriterion:
     """(m, n_p) [units of numbers, per unknown] slopes of the numbers that matter."""
     prior_information: np.ndarray
     """(n_p, n_p) [1 / unknowns^2] information of priors, and of recordings that there are."""
-    noise: output_error.Noise
+    noise: estimates.Noise
     """Standard deviations of the sensors."""
     rate: float
     """[Hz] rate of the sensors."""

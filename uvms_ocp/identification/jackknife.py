@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.identification.estimates import FitStatus
 from uvms_ocp.identification.identified_numbers import IdentifiedNumber, values_of
 from uvms_ocp.identification.model import Vehicle
-from uvms_ocp.identification.output_error import FitStatus
 from uvms_ocp.identification.validation import HeldOutRecording
 
 _LEVEL = 0.01  # share of honest intervals that the test calls too narrow

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.logged_message import Message
-from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
+from uvms_ocp.identification.text_files import LONGEST_LINE, MOST_ROWS
 
 load_json = partial(json.loads, parse_int=float)
 """Reads JSON; integers may have any number of digits."""

@@ -30,7 +30,7 @@ from uvms_ocp.identification.messages import (
     topics_of,
 )
 from uvms_ocp.identification.tables import TableColumns
-from uvms_ocp.identification.text_tables import MOST_ROWS
+from uvms_ocp.identification.text_files import MOST_ROWS
 
 
 def message_rows(

@@ -3,9 +3,10 @@
 The state is ``x = [q of the vehicle (7), its velocity in B (6), actuator outputs (n_u)]``. Joints
 move as they were measured, and the vehicle's six rows of the inverse dynamics give its
 acceleration. A command is held over the step; what actuators give follows it with a lag of first
-order, exactly, and acts by its mean over the step: also a lag shorter than a step leaves its whole
-impulse. The vehicle drifts for half a step, its velocity changes by the forces there, and it drifts
-on: swings keep their period and their size better than by other rules of two evaluations.
+order, exactly, and acts by its mean over the step, so that the impulse is right even where the lag
+is shorter than a step. The vehicle drifts for half a step, its velocity changes by the forces
+there, and it drifts on (leapfrog): periods and amplitudes of swings are kept better than by other
+rules of two evaluations.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ N_Q = 7
 N_V = 6
 """Number of the vehicle's velocities: linear and angular."""
 PAST = 12
-"""Number of commands before a start that the outputs of actuators follow from."""
+"""Number of commands before a start from which the outputs of actuators there are computed."""
 PAST_STEP = 0.05
-"""[s] for which each of these commands was held."""
-_LEARNT_EDGE = 0.2  # share of a dead zone in which its edge is rounded where it is learnt
-_KNOWN_EDGE = 0.01  # the same where it is known
+"""[s] time for which each of the `PAST` commands is held."""
+_LEARNT_EDGE = 0.2  # share of a dead zone in which its edge is rounded, if the zone is learnt
+_KNOWN_EDGE = 0.01  # share of a dead zone in which its edge is rounded, if the zone is known
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -1,21 +1,27 @@
 """Output-error identification by multiple shooting and Gauss-Newton, with a pseudo-Huber loss.
 
-Every segment begins where it likes; where it ends may differ from where the next one begins, at the
-price of process noise. Unknowns of single recordings, and starts, are eliminated recording by
+The start of every segment is unknown, and the end of a segment may differ from the start of the
+next by process noise. Unknowns of single recordings, and starts, are eliminated recording by
 recording, so that a step costs little more than the simulation.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, groupby
 
 import numpy as np
 
-from uvms_ocp.errors import AdvisedStatus
+from uvms_ocp.identification.estimates import (
+    Estimate,
+    FitStatus,
+    Noise,
+    ProfilePenalty,
+    SearchPoint,
+)
 from uvms_ocp.identification.model import N_Q, N_V, Vehicle
 from uvms_ocp.identification.normal_equations import (
     Elimination,
@@ -152,9 +158,8 @@ class OutputErrorProblem:
         """Compute the share of the cost by which the undamped step of the shared unknowns would
         lower it.
 
-        By the gradient and the normal equations where the search stands (half the square of
-        Newton's decrement), whatever the steps that led there. Unknowns that a bound stops do not
-        count.
+        That is half the square of Newton's decrement, from gradient and normal equations at the
+        point; unknowns that a bound stops do not count.
         """
         if not self._n_shared:
             return 0.0
@@ -356,10 +361,9 @@ class OutputErrorProblem:
         """Compute weighted residuals of the starts against the measurements, and the cost of these and
         of the unknowns of recording k against their priors.
         """
-        residuals = [
-            difference(_measured_start(segment), start) / self._noise.start
-            for segment, start in zip(self._recordings[k], point.starts[k], strict=True)
-        ]
+        residuals = []
+        for segment, start in zip(self._recordings[k], point.starts[k], strict=True):
+            residuals.append(difference(_measured_start(segment), start) / self._noise.start)
         priors = self._vehicle.per_recording
         deviations = (point.per_recording[k] - priors.start) / priors.sigma
         squares = sum(residual @ residual for residual in residuals)
@@ -424,122 +428,6 @@ class OutputErrorProblem:
             g_starts=gradients[:, size:].ravel(),
             cross=hessians[:, size:, :size].reshape(-1, size),
         )
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Estimate:
-    """Unknowns with their cost, information and the status of the search."""
-
-    shared: np.ndarray
-    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
-    per_recording: Mapping[str, np.ndarray]
-    """(m,) [as `Unknowns.start`] unknowns that a recording has for itself, by its name."""
-    starts: tuple[SegmentStart, ...]
-    """Starts of the segments."""
-    cost: float
-    """Half the weighted squares."""
-    information: np.ndarray
-    """(n, n) [1 / unknowns^2] information on the shared unknowns, the others eliminated, priors
-    included.
-    """
-    status: FitStatus
-    """Reason for which the search ended."""
-    iterations: int
-    """Number of steps that were taken."""
-    assumed: np.ndarray | float = 0.0
-    """(n, n) [unknowns^2] covariance from sources other than noise: the step of the simulation, and
-    constants that were assumed.
-    """
-
-
-class FitStatus(AdvisedStatus):
-    """Reason for which a fit ended."""
-
-    CONVERGED = "converged", "Look at what is not determined before numbers are used."
-    ITERATION_LIMIT = (
-        "iteration limit",
-        "Look at the recordings' doubts, learn less, or give shorter stretches.",
-    )
-    RUNS_AWAY = (
-        "runs away",
-        (
-            "The simulation is not finite where the search begins: look at times and units of the"
-            " recordings."
-        ),
-    )
-    STALLED = (
-        "stalled",
-        "No step lowers the cost: look at the recordings' doubts, and at starts and priors.",
-    )
-    NO_ANSWER = (
-        "no answer",
-        (
-            "No number is determined: look at the recordings' doubts, learn less, or record what"
-            " the report asks for."
-        ),
-    )
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Noise:
-    """Standard deviations of measurements and of changes of state between segments."""
-
-    velocity: float = 0.02
-    """[m/s] deviation of measured velocity, errors of the model included."""
-    rate: float = 0.05
-    """[rad/s] deviation of measured angular velocity."""
-    vertical: float = 0.03
-    """[rad] deviation of measured roll and pitch, of the vertical in B."""
-    process: float = 0.05
-    """[m/s, rad/s, rad] deviation between the end of a segment and the start of the next."""
-    start: float = 0.1
-    """[m/s, rad/s, rad] deviation between the start of a segment and the measurements there."""
-    outliers: float = 3.0
-    """Standard deviations beyond which the loss is linear."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SearchPoint:
-    """Iterate of a search: unknowns and starts."""
-
-    shared: np.ndarray
-    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
-    per_recording: tuple[np.ndarray, ...]
-    """(m,) [as `Unknowns.start`] unknowns that each recording has for itself."""
-    starts: tuple[tuple[SegmentStart, ...], ...]
-    """Starts of the segments of each recording."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ProfilePenalty:
-    """Quadratic penalty that draws one number to a value, for profile likelihood.
-
-    Where a search ends, the number is a little off the value, and all else is where it is best for
-    the number as it is there.
-    """
-
-    number: Callable[[np.ndarray], tuple[float, np.ndarray]]
-    """Maps the unknowns (n,) [as `Unknowns.start`] to the number [any] and its slope (n,) [any per
-    unknown].
-    """
-    target: float
-    """[as the number] value to which it is drawn."""
-    sigma: float
-    """[as the number] deviation that costs a half."""
-
-    def cost(self, shared: np.ndarray) -> float:
-        """Compute the penalty [-] at the unknowns shared (n,) [as `Unknowns.start`]."""
-        value, _ = self.number(shared)
-        return ((value - self.target) / self.sigma) ** 2 / 2
-
-    def normal(self, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute the part of the normal equations, (n, n) and (n,), that the penalty adds at the
-        unknowns shared (n,) [as `Unknowns.start`].
-        """
-        value, slope = self.number(shared)
-        H = np.outer(slope, slope) / self.sigma**2
-        g = slope * (value - self.target) / self.sigma**2
-        return H, g
 
 
 @dataclass(frozen=True, slots=True, eq=False)

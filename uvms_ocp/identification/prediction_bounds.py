@@ -14,8 +14,8 @@ from time import perf_counter
 
 import numpy as np
 
+from uvms_ocp.identification.estimates import FitStatus
 from uvms_ocp.identification.fit import FitContext, resumed_search
-from uvms_ocp.identification.output_error import FitStatus
 from uvms_ocp.identification.predictor import Predictor
 from uvms_ocp.identification.segments import PreparedRecording
 

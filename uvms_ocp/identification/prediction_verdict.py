@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.errors import AdvisedStatus
-from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.prediction_bounds import ALONE, TOGETHER
 from uvms_ocp.identification.predictor import Predicted, fit_percent
 from uvms_ocp.identification.still_comparison import CHANNEL_UNITS, WorseThanStill
@@ -207,11 +207,15 @@ def judge_predictions(recordings: Sequence[HeldOutRecording]) -> PredictionJudge
 
 def _shares(recordings: Sequence[HeldOutRecording]) -> Iterator[FitShares]:
     """Yield medians over the recordings with bounds in which a channel moves."""
-    tables = [
-        fits_beside_bounds(recording) for recording in recordings if recording.horizons[-1].bounds
-    ]
+    tables = []
+    for recording in recordings:
+        if recording.horizons[-1].bounds:
+            tables.append(fits_beside_bounds(recording))
     for k, channel in enumerate(FITTED_CHANNELS):
-        rows = [table[:, k] for table in tables if np.isfinite(table[:, k]).all()]
+        rows = []
+        for table in tables:
+            if np.isfinite(table[:, k]).all():
+                rows.append(table[:, k])
         if rows:
             predicted, together, alone = np.median(rows, axis=0)
             yield FitShares(

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.checks import checked
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.model import Vehicle
-from uvms_ocp.identification.output_error import Noise, OutputErrorProblem
+from uvms_ocp.identification.output_error import OutputErrorProblem
 from uvms_ocp.identification.rollout import Rollout, SegmentStart
 from uvms_ocp.identification.segments import PreparedRecording, Segment
 

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from uvms_ocp.identification.estimates import ProfilePenalty, SearchPoint
 from uvms_ocp.identification.fit import FitContext
 from uvms_ocp.identification.identified_numbers import (
     INTERVAL,
@@ -21,7 +22,6 @@ from uvms_ocp.identification.identified_numbers import (
     number_of,
 )
 from uvms_ocp.identification.normal_equations import NormalEquations
-from uvms_ocp.identification.output_error import ProfilePenalty, SearchPoint
 
 _FARTHEST = 4  # [standard errors] beyond which an interval is called open
 _SOFTNESS = 0.05  # [standard errors] deviation of the penalty that holds a number

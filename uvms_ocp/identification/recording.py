@@ -197,10 +197,16 @@ def unit_named(spelling: str) -> str:
     return _BY_SPELLING.get(plain, "")
 
 
-CHANNEL_KINDS: Mapping[str, ChannelKind] = {
-    name: ChannelKind(**entry | {"columns": tuple(entry.get("columns", ()))})
-    for name, entry in CHANNEL_TABLE["channels"].items()
-}
+def _channel_kinds() -> dict[str, ChannelKind]:
+    """Return the kinds of channels in the table."""
+    kinds = {}
+    for name, entry in CHANNEL_TABLE["channels"].items():
+        columns = tuple(entry.get("columns", ()))
+        kinds[name] = ChannelKind(**entry | {"columns": columns})
+    return kinds
+
+
+CHANNEL_KINDS: Mapping[str, ChannelKind] = _channel_kinds()
 """Every channel that a recording may have, by its name."""
 
 

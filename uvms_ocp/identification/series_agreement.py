@@ -22,19 +22,25 @@ gravity in a tilting frame.
 EXPLAINED = 0.15
 """Share of the motion, by which other axes must explain more."""
 _SIGNS = tuple(product((1.0, -1.0), repeat=3))
-WAYS = tuple(
-    np.diag(signs) @ np.eye(3)[[*axes]] for axes, signs in product(permutations(range(3)), _SIGNS)
-)
+
+
+def _ways() -> Iterator[np.ndarray]:
+    """Yield all signed permutation matrices (3, 3)."""
+    for axes, signs in product(permutations(range(3)), _SIGNS):
+        yield np.diag(signs) @ np.eye(3)[[*axes]]
+
+
+WAYS = tuple(_ways())
 """(3, 3) each: all 48 ways to swap axes and turn their signs."""
 
 _SHIFTS = 0.05 * np.arange(-30, 31)  # [s] offsets of clocks that are tried
-_LARGEST_SHIFT = 1.5  # [s] of these
-_MIN_SAMPLES = 20  # in each half of a series, to tell an offset
-_NOTABLE_DELAY = 0.175  # [s] offset from which on it is reported
-_JUMP = 0.3  # [s] between the offsets of the two halves that is a jump of a clock
-_AGREES = 0.6  # correlation from which on two magnitudes agree
-_FAR_AGREES = 0.85  # the same, of an offset that is far from any usual one
-_FAR_BETTER = 0.15  # correlation by which it must be better than any other
+_LARGEST_SHIFT = 1.5  # [s] largest of `_SHIFTS`
+_MIN_SAMPLES = 20  # least samples in each half of a series that tell an offset
+_NOTABLE_DELAY = 0.175  # [s] least offset that is reported
+_JUMP = 0.3  # [s] least difference between the offsets of both halves that is a jump of a clock
+_AGREES = 0.6  # least correlation of two magnitudes that agree
+_FAR_AGREES = 0.85  # least correlation at an offset that is far from any usual one
+_FAR_BETTER = 0.15  # such a correlation must be higher than any at a usual offset by this
 _BETTER = 0.01  # correlation by which an offset must be better than another
 _PARTED = 0.2  # correlation by which two halves must disagree
 _SCALE = 1.9  # factor from which on it is one of units: the smallest of these is that of knots

@@ -23,7 +23,7 @@ from pydantic import Field
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification import fit, output_error, parameters
+from uvms_ocp.identification import estimates, fit, parameters
 from uvms_ocp.identification.parameters import ParameterStatus
 from uvms_ocp.identification.vehicle_declaration import LONGEST_DELAY
 from uvms_ocp.model_errors import FileModel, one_line_errors
@@ -34,7 +34,7 @@ _NonNegative = Annotated[float, Field(ge=0.0)]
 _Delay = Annotated[float, Field(ge=0.0, lt=LONGEST_DELAY)]
 _Corner = tuple[float, float, float]
 _Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
-_NOISE = output_error.Noise()
+_NOISE = estimates.Noise()
 """Defaults of the section on noise."""
 _SEARCH = fit.Search()
 """Defaults of step and stretch."""

@@ -33,8 +33,8 @@ from uvms_ocp.identification.array_orientation import (
 )
 from uvms_ocp.identification.file_kinds import kind_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
+from uvms_ocp.identification.text_files import MOST_ROWS
 from uvms_ocp.identification.text_tables import (
-    MOST_ROWS,
     TextFormat,
     place_of,
     text_columns,

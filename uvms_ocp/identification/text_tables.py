@@ -9,23 +9,18 @@ may be the header. Columns have their names, and their places as ``#1``, ``#2``,
 from __future__ import annotations
 
 import csv
-import gzip
-import io
 import re
-import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import IO, Annotated, Any, Literal
-from zipfile import ZipFile
+from typing import IO, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module, require_known
+from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.recording import unit_named
 from uvms_ocp.identification.text_cells import (
     decimal_sign,
@@ -34,19 +29,17 @@ from uvms_ocp.identification.text_cells import (
     is_number,
     read_unusual_cell,
 )
+from uvms_ocp.identification.text_files import (
+    HEAD_LINES,
+    MOST_ROWS,
+    encoding_of,
+    lines_of,
+    opened_text,
+    sheets_of,
+)
 from uvms_ocp.model_errors import FileModel, one_line_errors
-from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors
 
-MOST_ROWS = 5_000_000
-"""Largest number of rows of a file: 14 hours at 100 Hz."""
-LONGEST_LINE = 1 << 20
-"""[characters] longest line: a packed file may have one that fills any memory."""
-_HEAD = 200  # lines from which the layout is detected
-_HEAD_BYTES = 1 << 16  # from which the encoding is detected
 _DELIMITERS = {"tab": "\t", ";": ";", ",": ",", "|": "|", "blank": ""}
-_GZIP = b"\x1f\x8b"
-_ZIP = b"PK"
-_BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _UNIT = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(
     r"-|1|none|\[.*\]|\(.*\)|[hmd]?bar|[hk]?pa|psi|[km]?hz|m?[vaw]|(deg|°)? ?c|rpm|kg|lbs?",
@@ -78,6 +71,7 @@ class TextLayout:
     """Layout of a table of text."""
 
     encoding: str
+    """Encoding of the text, as Python calls it."""
     delimiter: str
     """Delimiter between cells, one of `TextFormat.delimiter`."""
     decimal: str
@@ -93,7 +87,7 @@ class TextLayout:
     first: int
     """Line of the first row, from 1."""
     time: str = ""
-    """Format of its times as it was given, empty for one that is known by itself."""
+    """Format of times as it was given; empty for ISO 8601, times of day and numbers."""
     sheet: str = ""
     """Sheet of a workbook that the table is in."""
     sheets: tuple[str, ...] = ()
@@ -118,9 +112,9 @@ def text_layout(path: Path, text_format: TextFormat | None = None) -> TextLayout
     NameNotFound for an unknown sheet.
     """
     text_format = text_format or TextFormat()
-    encoding = text_format.encoding or _encoding(path)
-    sheet, *all_sheets = _sheets(path, text_format.sheet)
-    with _opened(path, encoding, sheet) as file:
+    encoding = text_format.encoding or encoding_of(path)
+    sheet, all_sheets = sheets_of(path, text_format.sheet)
+    with opened_text(path, encoding, sheet) as file:
         head = _head(file)
         lines = [(number, line) for number, line in head if not _is_comment(line)]
         delimiter = text_format.delimiter or _delimiter([line for _, line in lines])
@@ -158,7 +152,7 @@ def text_layout(path: Path, text_format: TextFormat | None = None) -> TextLayout
             header=header.line,
             first=first,
             sheet=sheet,
-            sheets=tuple(all_sheets),
+            sheets=all_sheets,
         )
 
 
@@ -173,7 +167,7 @@ def text_columns(
     `text_layout` does.
     """
     remarks: list[str] = []
-    with _opened(path, layout.encoding, layout.sheet) as file:
+    with opened_text(path, layout.encoding, layout.sheet) as file:
         numbers = np.fromiter(_numbers(file, layout, places, words, remarks), dtype=float)
     return numbers.reshape(-1, len(places)), tuple(remarks)
 
@@ -224,7 +218,7 @@ class _Row:
 
 def _head(file: IO[str]) -> list[tuple[int, str]]:
     """Return those of the first lines that are not empty, with their numbers from 1."""
-    numbered = enumerate(islice(_lines(file), _HEAD), 1)
+    numbered = enumerate(islice(lines_of(file), HEAD_LINES), 1)
     return [(number, line) for number, line in numbered if line.strip()]
 
 
@@ -291,28 +285,6 @@ def _has_units(row: _Row) -> bool:
     """Recognise a row of units; empty cells may be among them."""
     cells = [cell for cell in row.cells if cell]
     return all(unit_named(cell) or _OTHER_UNITS.fullmatch(cell) for cell in cells)
-
-
-def _encoding(path: Path) -> str:
-    """Detect the encoding by a mark at the beginning, or by its first bytes."""
-    if _begins_with(path, _ZIP):
-        return "utf-8"
-    with _damage_in_a_line(path), _unpacked(path) as data:
-        head = data.read(_HEAD_BYTES)
-    for mark, encoding in _BYTE_ORDER_MARKS.items():
-        if head.startswith(mark):
-            return encoding
-    if b"\0" in head:
-        raise InvalidInput(
-            f"{path}: no table of numbers (it is binary); CSV and other tables of text are read"
-        )
-    if len(head) == _HEAD_BYTES:
-        head = head[:-4]  # a character may have been cut
-    try:
-        head.decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8"
 
 
 def _delimiter(lines: Sequence[str]) -> str:
@@ -391,7 +363,7 @@ def _numbers(
     remarks: list[str],
 ) -> Iterator[float]:
     """Yield numbers, one row after the other; a last row that breaks off is left out."""
-    lines = islice(_lines(file), layout.first - 1, None)
+    lines = islice(lines_of(file), layout.first - 1, None)
     rows: Iterable[list[str]]
     if layout.delimiter == "blank":
         rows = map(str.split, lines)
@@ -445,98 +417,3 @@ def _cells(
             except ValueError:
                 value = read_unusual_cell(cell.strip(), layout.names[place], number, layout.time)
             yield value
-
-
-@contextmanager
-def _opened(path: Path, encoding: str, sheet: str) -> Iterator[IO[str]]:
-    """Open a text file, gzipped or not, or a sheet of a workbook as text; damage raises
-    `InvalidInput` in one line.
-    """
-    with _damage_in_a_line(path):
-        if _begins_with(path, _ZIP):
-            with _workbook(path) as book:
-                text = io.StringIO()
-                csv.writer(text).writerows(book[sheet].iter_rows(values_only=True))
-            text.seek(0)
-            yield text
-            return
-        with _unpacked(path) as data:
-            yield io.TextIOWrapper(data, encoding=encoding, newline=None)
-
-
-def _unpacked(path: Path) -> IO[bytes] | gzip.GzipFile:
-    """Open a file for its bytes, gzipped or not."""
-    if _begins_with(path, _GZIP):
-        return gzip.open(path)
-    return path.open("rb")
-
-
-def _begins_with(path: Path, mark: bytes) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(mark)) == mark
-
-
-def _sheets(path: Path, sheet_name: str) -> list[str]:
-    """Return the sheet of a workbook to read, and the names of all; an empty name for a text file.
-
-    Raises NameNotFound.
-    """
-    if not _begins_with(path, _ZIP):
-        return [""]
-    with _damage_in_a_line(path), _workbook(path) as book:
-        names = [sheet.title for sheet in book.worksheets]
-        if sheet_name:
-            require_known(f"sheet of {path.name}", sheet_name, names)
-            return [sheet_name, *names]
-        for sheet in book.worksheets:
-            head = islice(sheet.iter_rows(values_only=True), _HEAD)
-            if any(_has_numbers(row) for row in head):
-                return [sheet.title, *names]
-        return [names[0], *names]
-
-
-def _has_numbers(row: Sequence[object]) -> bool:
-    """Check whether a row of a sheet has two numbers at least."""
-    return sum(isinstance(cell, int | float) for cell in row) > 1
-
-
-@contextmanager
-def _workbook(path: Path) -> Iterator[Any]:
-    """Open a workbook. Raises InvalidInput for one that unpacks to too much."""
-    openpyxl = optional_module("openpyxl", "reading a workbook", "openpyxl")
-    with ZipFile(path) as archive:
-        size = path.stat().st_size
-        unpacked = sum(member.file_size for member in archive.infolist())
-    if unpacked > max(SMALL, DENSEST * size):
-        raise InvalidInput(
-            f"would unpack to {unpacked >> 20} MB; at most {DENSEST} times a file are read"
-        )
-    with (
-        as_input_errors(path, what="no workbook"),
-        closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book,
-    ):
-        yield book
-
-
-def _damage_in_a_line(path: Path) -> AbstractContextManager[None]:
-    """Turn errors of a damaged file into InvalidInput."""
-    return as_input_errors(
-        path,
-        OSError,
-        EOFError,
-        zlib.error,
-        csv.Error,
-        ValueError,
-        LookupError,
-        what="no table of numbers",
-    )
-
-
-def _lines(file: IO[str]) -> Iterator[str]:
-    """Yield all lines, in bounds: a few bytes, packed, may hold as many as there is time for."""
-    for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
-        if len(line) == LONGEST_LINE:
-            raise InvalidInput(f"a line of more than {LONGEST_LINE >> 20} MB")
-        if number > MOST_ROWS + _HEAD:
-            raise InvalidInput(f"more than {MOST_ROWS} lines; give recordings one by one")
-        yield line

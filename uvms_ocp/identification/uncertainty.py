@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.identification import parameters
+from uvms_ocp.identification.estimates import Estimate
 from uvms_ocp.identification.model import Vehicle
-from uvms_ocp.identification.output_error import Estimate
 
 DETERMINED = 0.3
 """Largest standard error of a coordinate, relative for what is positive, with which it counts as
@@ -74,10 +74,12 @@ def unidentifiable_directions(
     for value, axis in zip(values, axes.T, strict=True):
         sigma = 1.0 / np.sqrt(max(float(value), NEXT_TO_NOTHING))
         if sigma > DETERMINED:
-            order = np.argsort(-np.abs(axis))
-            main = [i for i in order if abs(axis[i]) > _MAIN_SHARE * abs(axis[order[0]])]
-            shares = tuple((vehicle.shared.names[i], float(axis[i])) for i in main)
-            directions.append(UnidentifiableDirection(sigma=sigma, shares=shares))
+            largest = np.abs(axis).max()
+            shares = []
+            for i in np.argsort(-np.abs(axis)):
+                if abs(axis[i]) > _MAIN_SHARE * largest:
+                    shares.append((vehicle.shared.names[i], float(axis[i])))
+            directions.append(UnidentifiableDirection(sigma=sigma, shares=tuple(shares)))
     return tuple(directions)
 
 

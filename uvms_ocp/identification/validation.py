@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.estimates import Estimate
 from uvms_ocp.identification.fit import FitContext, search_fit
-from uvms_ocp.identification.output_error import Estimate
 from uvms_ocp.identification.prediction_bounds import PredictionBounds
 from uvms_ocp.identification.prediction_errors import (
     SCORED,

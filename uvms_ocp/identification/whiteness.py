@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.identification import parameters
-from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.predictor import Predicted
 
 CHANNELS = (*parameters.AXES, "vertical x", "vertical y", "vertical z")

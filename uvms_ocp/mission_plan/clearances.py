@@ -28,9 +28,9 @@ from uvms_ocp.tasks.task import Residual, bounded_residual
 from uvms_ocp.types import Mask
 
 _ROUNDING = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
-_LEVEL = 0.05  # [m] by which the height of a floor may differ along the way
-_MISSED = 2e-3  # [m] of a margin that a plan may miss
-_NEAR = 0.01  # [m] beyond its margin, within which a pair gets rows
+_LEVEL = 0.05  # [m] largest difference between heights of a floor that counts as level
+_MISSED = 2e-3  # [m] shortfall from a margin that a plan may have
+_NEAR = 0.01  # [m] a pair of links closer than this to its margin gets rows
 _PAIR_ROWS = 4  # rows per node and pair of links
 
 
@@ -84,7 +84,9 @@ def rims_of(robot: Robot) -> tuple[Rim, ...]:
 
 
 def _rims(shape: pin.GeometryObject) -> list[Rim]:
-    """Return the ends of a shape: of a box its corners."""
+    """Return the ends of a shape: centre of a sphere, two rims of a cylinder or capsule, corners of
+    any other shape's box.
+    """
     geometry = shape.geometry
     joint = shape.parentJoint
     placement = shape.placement
@@ -132,8 +134,8 @@ def floor_height(scenario: Scenario, rollout: GreedyRollout) -> float:
 def floor_terms(
     scenario: Scenario, segments: Sequence[HorizonSegment], floor: float, margins: Margins
 ) -> list[Term]:
-    """Keep hull and arm above the floor [m] wherever no task on altitude keeps the robot far from
-    it.
+    """Return terms that keep hull and arm above the floor [m], one for each segment without a task
+    on altitude.
     """
     if not np.isfinite(floor):
         return []
@@ -156,11 +158,11 @@ def _keeps_altitude(scenario: Scenario, segment: HorizonSegment) -> bool:
 
 
 def shape_clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
-    """Keep the robot away from obstacles and from itself, each pair by as much as tasks of the
-    mission ask for it; `None` where nothing can meet.
+    """Return the term that keeps the robot away from obstacles and from itself, each pair by the
+    largest threshold that tasks of the mission have for it; `None` where nothing can meet.
 
-    Links that are near each other by design keep half of what they have at rest, and at the start
-    what they have there.
+    Links that are near each other by design keep half of their distance at rest, and at the start
+    the distance that they have there.
     """
     scene = collision_scene(
         coordinates(scenario.robot, reference=scenario.start), scenario.environment.obstacles

@@ -1,5 +1,5 @@
-"""Look at quantities along a motion, inside its steps too: densely, and more closely where they
-come near their range.
+"""Scan quantities along a motion, inside its steps too: at evenly spaced samples, and at more of
+them in steps in which a quantity comes near the ends of its range.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from uvms_ocp.robot import Robot
 from uvms_ocp.types import Array, Indices
 
 FINE = 2e-4
-"""[unit of the quantity] By how much more a range may be left unseen before a step is looked at
-more closely.
+"""[unit of the quantity] Largest excess that may hide between samples; steps in which more could
+hide are sampled more closely.
 """
-_LOOKS_PER_STEP = 4  # smallest number to begin with
-_LOOKS_OF_ALL_STEPS = 128  # smallest number to begin with
-_CLOSER = (1, 4, 16)  # times as many looks, where the range is near
+_LOOKS_PER_STEP = 4  # least intervals between samples in a step, to begin with
+_LOOKS_OF_ALL_STEPS = 128  # least intervals in all steps together, to begin with
+_CLOSER = (1, 4, 16)  # factors on that number, tried in order
 
 NO_PEAK = Peak(amount=0.0, time=0.0, quantity="")
 
@@ -51,10 +51,12 @@ class Samples:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """A trajectory, with what its problem says of it."""
+    """A trajectory of a problem, with its samples inside steps."""
 
     problem: OcpProblem
+    """Problem whose ranges the motion is to keep."""
     trajectory: Trajectory
+    """States at nodes and accelerations of steps."""
     t0: float
     """[s] time of the first node."""
     _samples: dict[tuple[int, ...], Samples] = field(default_factory=dict)
@@ -76,14 +78,18 @@ class Motion:
 
     @cached_property
     def leaving(self) -> Array:
-        """(N, n_v) [m/s, rad/s] see `Trajectory.leaving`."""
+        """(N, n_v) [m/s, rad/s] velocities with which the motion leaves nodes, see
+        `Trajectory.leaving`.
+        """
         path = self.trajectory
         model = self.robot.model
         return np.array([path.leaving(model, k) for k in range(self.N)])
 
     @property
     def looks(self) -> int:
-        """Number of looks at each step to begin with; even, so that the middle is among them."""
+        """Number of intervals between samples of a step, to begin with; even, so that the middle of
+        the step is among the samples.
+        """
         even_share = 2 * (_LOOKS_OF_ALL_STEPS // (2 * self.N))
         return max(_LOOKS_PER_STEP, even_share)
 
@@ -94,7 +100,9 @@ class Motion:
         return self.t0 + np.interp(t, self.trajectory.t, self.problem.nominal_times())
 
     def samples(self, steps: Indices, looks: int) -> Samples:
-        """Return the states at both ends of each step, and at looks - 1 moments between them."""
+        """Return the states at both ends of each step and at the looks - 1 evenly spaced moments
+        between them.
+        """
         key = (looks, *steps.tolist())
         if key not in self._samples:
             s = np.arange(looks + 1) / looks * self.h[steps, None]
@@ -125,21 +133,26 @@ Rows = Callable[[Samples], Array]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class QuantityRange:
-    """Names and ends of quantities."""
+    """Names of m quantities, and the ends of the ranges that they are to stay in."""
 
     kind: RangeKind
+    """What sets the range."""
     name: str
+    """Name of all quantities together, such as that of a term."""
     unit: str
+    """Unit of all quantities."""
     quantities: tuple[str, ...]
+    """Name of each quantity."""
     lower: Array
     """(m,) lower ends."""
     upper: Array
     """(m,) upper ends."""
     term: Term | None = None
+    """Term whose rows the quantities are; `None` for limits of the robot."""
 
     def beyond(self, values: Array) -> tuple[Array, Array]:
-        """Return amounts (..., m) below and above at values (..., m), negative inside; no number is
-        infinitely outside.
+        """Return by how much values (..., m) are below and above their ranges, negative inside and
+        infinite for NaN.
         """
         is_nan = np.isnan(values)
         below = np.where(is_nan, np.inf, self.lower - values)
@@ -147,7 +160,7 @@ class QuantityRange:
         return below, above
 
     def excess(self, values: Array) -> Array:
-        """Return by how much (..., m) values (..., m) are outside, 0 inside."""
+        """Return by how much values (..., m) are outside their ranges, 0 inside."""
         below, above = self.beyond(values)
         return np.asarray(np.maximum(np.maximum(below, above), 0.0))
 
@@ -195,7 +208,9 @@ class QuantityRange:
         )
 
     def inside(self, motion: Motion, nodes: Indices, values: Array) -> Array:
-        """Return how far values (n, m) at nodes (n,) are inside (N + 1, m); infinite at others."""
+        """Return how far values (n, m) at nodes (n,) are inside their ranges, (N + 1, m); infinite
+        at other nodes.
+        """
         below, above = self.beyond(values)
         slack = np.full((motion.N + 1, len(self.lower)), np.inf)
         slack[nodes] = -np.maximum(below, above)
@@ -218,9 +233,10 @@ def scanned(
     inputs: bool,
     slack: Array | None = None,
 ) -> RangeCheck:
-    """Look at quantities inside steps, more closely where they come near their range.
+    """Check quantities inside steps, at more samples where they come near the ends of their range.
 
-    inputs: they jump where a step begins, so that its end is inside as well. nodes: the peak there.
+    nodes: their peak at nodes. inputs: the quantities are inputs, which jump between steps, so that
+    samples at both ends belong to the step too.
     """
     m = len(scope.quantities)
     below = np.zeros((motion.N, m))
@@ -229,11 +245,9 @@ def scanned(
     unseen = np.zeros((motion.N, m))
     if inputs:
         inner = slice(0, None)
+        allowed_below = allowed_above = np.zeros(m)  # no given start excuses them
     else:
         inner = slice(1, -1)
-    if inputs:  # which the motion chooses, whatever its start is
-        allowed_below = allowed_above = np.zeros(m)
-    else:
         begin = motion.samples(np.array([0]), motion.looks)
         allowed_below, allowed_above = given_by_start(motion, scope, rows(begin)[0, 0])
     for times_as_many in _CLOSER:
@@ -250,7 +264,7 @@ def scanned(
         times[steps] = np.take_along_axis(samples.t[:, inner, None], moment[:, None], axis=1)[:, 0]
         seen_excess = np.maximum(np.maximum(below[steps], above[steps]), 0.0)
         possible = amounts.max(axis=1) + _bend(values) / 2
-        with np.errstate(invalid="ignore"):  # what is no number anywhere
+        with np.errstate(invalid="ignore"):  # infinite less infinite
             unseen[steps] = np.maximum(possible - seen_excess, 0.0)
         steps = steps[(unseen[steps] > FINE).any(axis=1)]
         if not len(steps):
@@ -266,16 +280,16 @@ def scanned(
 
 
 def _bend(values: Array) -> Array:
-    """Return the largest second difference (n, m) of values (n, n_s, m), by which they may rise
-    between two of them.
+    """Return the largest second difference (n, m) of values (n, n_s, m): half of it bounds how far
+    they rise above their samples.
     """
     with np.errstate(invalid="ignore"):
         return np.abs(np.diff(values, n=2, axis=1)).max(axis=1)
 
 
 def given_by_start(motion: Motion, scope: QuantityRange, values: Array) -> tuple[Array, Array]:
-    """Return amounts (m,) below and above that a start with these values (m,) has by itself, where
-    it is given.
+    """Return by how much values (m,) at the start are below and above their ranges, where the start
+    is given; 0 where it is free.
     """
     is_given = float(motion.problem.fixed_start)
     below, above = scope.beyond(values)

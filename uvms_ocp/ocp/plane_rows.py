@@ -54,7 +54,11 @@ class PlaneRowGroup:
         first = _columns(bodies, self.first)
         second = _columns(bodies, self.second)
         n = self.size
-        return [self._height(first, second, parameters[n * i : n * (i + 1)]) for i in range(self.n)]
+        heights = []
+        for i in range(self.n):
+            row = parameters[n * i : n * (i + 1)]
+            heights.append(self._height(first, second, row))
+        return heights
 
     def _height(self, first: ca.SX, second: ca.SX, row: ca.SX) -> ca.SX:
         """Return the height of one row, with the poses of joints as columns."""

@@ -1,5 +1,5 @@
-"""Find what no plan could mend before anything is solved: starts from which limits cannot be kept,
-and starts or goals that hold shapes inside one another.
+"""Find starts and goals that no plan can have, before anything is solved: starts from which limits
+cannot be kept, and starts or goals in which shapes overlap.
 """
 
 from __future__ import annotations
@@ -16,18 +16,17 @@ from uvms_ocp.planning.request import Goal, PostureGoal, ToolGoal
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.signed_distance import Body, signed_contact
 
-_ROUNDING = 1e-9  # [unit of the axis] by which a limit is left that is none
+_ROUNDING = 1e-9  # [unit of the axis] excess over a limit that counts as none
 _POINT = 1e-6  # [m] radius of a ball that stands for a point
 
 
 def impossible_start(problem: OcpProblem) -> str | None:
-    """Describe an axis whose limits the second node cannot keep, whatever the input; None where
-    every axis can. It is a proof, before any NLP, that a start is impossible.
+    """Describe an axis that cannot keep its limits at the second node, whatever the input; `None`
+    where every axis can. It proves, before any NLP, that a start is impossible.
 
-    Velocity changes by at most the acceleration limit times the step, and a joint goes on
-    meanwhile. These are limits of single axes: where they can be kept, forces, constraints or goals
-    may still be out of reach. A free duration counts as impossible only if every step in its range
-    is.
+    Velocity changes by at most the acceleration limit times the step, and a joint moves on
+    meanwhile. Single axes are checked: where all can keep their limits, forces, constraints or
+    goals may still be out of reach. A free duration counts as impossible only if all its steps are.
     """
     if not (problem.limited and problem.fixed_start):
         return None
@@ -54,8 +53,8 @@ def _too_fast(problem: OcpProblem, h: float) -> str | None:
 
 
 def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | None:
-    """Describe a joint that leaves its range even after the best step: a short one does not get to
-    the limit, a long one may have turned back.
+    """Describe a joint that is out of its range after any step from shortest to longest [s]: after a
+    short step it may not have left it yet, after a long one it may have come back.
     """
     robot = problem.robot
     limits = robot.limits
@@ -85,8 +84,10 @@ def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | Non
 def _smallest_displacement(
     v: float, a: float, speed: float, shortest: float, longest: float
 ) -> float:
-    """Return the smallest displacement after any step in the range, from the velocity v, slowing
-    down by a up to the speed limit; concave in the step but for where that limit is met.
+    """Return the smallest displacement after any step from shortest to longest, from velocity v with
+    deceleration a, backwards at most at `speed`.
+
+    It is concave in the step except at the one where that speed is met, so that these three decide.
     """
     kink = (v + speed) / a if np.isfinite(a) else 0.0
     kink_in_range = min(max(kink, shortest), longest)
@@ -98,14 +99,15 @@ def _smallest_displacement(
 
 
 def _axes(problem: OcpProblem) -> list[str]:
+    """Return the names of all velocities."""
     vehicle = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")
     joints = [f"rate of {name!r}" for name in problem.robot.joint_names]
     return [*vehicle[: problem.robot.n_vehicle], *joints]
 
 
 def describe_crowded_start(problem: OcpProblem, constraint: str) -> str:
-    """Describe the pair of shapes that a constraint of that name finds nearest for its margin at
-    the start, as a bracket; empty for one without shapes.
+    """Describe, in brackets, the pair of shapes that misses the margin of a constraint most at the
+    start; empty where none misses it, or for a constraint without shapes.
     """
     worst = (0.0, "")
     for term in problem.constraints:
@@ -115,7 +117,7 @@ def describe_crowded_start(problem: OcpProblem, constraint: str) -> str:
 
 
 def _largest_lack(term: ShapeClearance, problem: OcpProblem) -> tuple[float, str]:
-    """Return by how much [m] a margin is missed at the start, and the pair in words."""
+    """Return by how much [m] the worst pair misses its margin at the start, and its description."""
     distances = term.distances([0.0], problem.start.q[None])[0]
     lack = term.margins - distances
     k = int(lack.argmax())
@@ -125,11 +127,11 @@ def _largest_lack(term: ShapeClearance, problem: OcpProblem) -> tuple[float, str
 
 
 def check_goal(scene: CollisionScene, goal: Goal, start: np.ndarray) -> None:
-    """Raise `InvalidInput` where shapes that a goal leaves no choice would touch; start (n_q,) [m,
-    rad].
+    """Raise `InvalidInput`, with shapes and depth, where shapes whose places the goal decides would
+    touch; start (n_q,) [m, rad].
 
-    It names the shapes and their depth: of a posture those of the vehicle and the joints that it
-    says; of a tool in a pose those on its link; of a tool at a place the point itself.
+    A posture decides those of the vehicle and joints that it names; a pose of a tool those on the
+    tool's link; a position of a tool only the point itself.
     """
     if isinstance(goal, ToolGoal):
         _check_tool(scene, goal)
@@ -142,8 +144,8 @@ def start_distances(scene: CollisionScene, start: np.ndarray) -> np.ndarray:
 
 
 def goal_distances(scene: CollisionScene, goal: Goal, start: np.ndarray) -> np.ndarray:
-    """Return the distances (n_pairs,) [m] of the pairs whose places a posture decides, infinite for
-    others; start (n_q,) [m, rad].
+    """Return distances (n_pairs,) [m] of pairs of shapes whose places the goal, a posture, decides;
+    infinite for others. start (n_q,) [m, rad].
     """
     if isinstance(goal, ToolGoal):
         return np.full(scene.n_pairs, np.inf)
@@ -159,8 +161,8 @@ def goal_distances(scene: CollisionScene, goal: Goal, start: np.ndarray) -> np.n
 
 
 def _determined_joints(robot: Robot, goal: PostureGoal) -> set[int]:
-    """Return the joints whose places the goal decides, the world among them: those behind joints
-    that it all names.
+    """Return the joints whose places the goal decides: the world, and joints that the goal names
+    together with all before them.
     """
     determined = {0}
     model = robot.model

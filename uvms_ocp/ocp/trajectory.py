@@ -86,8 +86,10 @@ class Trajectory:
         v = self.v[steps]
         a = self.a[steps]
         h = (self.t[steps + 1] - self.t[steps])[:, None]
-        ways = np.array([pin.difference(model, self.q[k], self.q[k + 1]) for k in steps.tolist()])
-        leaving = _leaving(h, ways.reshape(v.shape), a)
+        ways = []
+        for k in steps.tolist():
+            ways.append(pin.difference(model, self.q[k], self.q[k + 1]))
+        leaving = _leaving(h, np.array(ways).reshape(v.shape), a)
         ways_so_far = s * leaving + s * s / 2 * a
         q = self.q[steps]
         reached = [pin.integrate(model, *pair) for pair in zip(q, ways_so_far, strict=True)]
@@ -183,7 +185,10 @@ def guess_through(
                 quaternion *= -1.0
             quaternion_before = quaternion
     h = np.diff(t)
-    mean = np.array([pin.difference(model, q[k], q[k + 1]) / h[k] for k in range(len(h))])
+    mean_velocities = []
+    for k in range(len(h)):
+        mean_velocities.append(pin.difference(model, q[k], q[k + 1]) / h[k])
+    mean = np.array(mean_velocities)
     v = np.vstack([problem.start.v, (mean[:-1] + mean[1:]) / 2, mean[-1]])
     a = np.diff(v, axis=0) / h[:, None]
     forces = _forces(problem, q, v, a)
@@ -212,8 +217,11 @@ def _forces(problem: OcpProblem, q: np.ndarray, v: np.ndarray, a: np.ndarray) ->
     """Return the generalised forces (N, n_v) [N, N m] that a motion takes."""
     # With memory that it shares with no other, as threads plan at a time.
     dynamics = Dynamics(cached_dynamics(problem.robot).symbolic)
-    waters = [Water(velocity=current) for current in problem.currents]
-    return np.array([dynamics.inverse_dynamics(q[k], v[k], a[k], waters[k]) for k in range(len(a))])
+    forces = []
+    for k in range(len(a)):
+        water = Water(velocity=problem.currents[k])
+        forces.append(dynamics.inverse_dynamics(q[k], v[k], a[k], water))
+    return np.array(forces)
 
 
 def _thrust(problem: OcpProblem, wrench: np.ndarray) -> np.ndarray:

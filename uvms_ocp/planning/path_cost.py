@@ -313,7 +313,11 @@ class PathCost:
     @cached_property
     def _outer(self) -> tuple[Array, ...]:
         """(4 k^2, samples) products of basis functions, by derivative."""
-        return tuple((P[:, :, None] * P[:, None, :]).reshape(len(P), -1).T for P in self._bases)
+        products = []
+        for values in self._bases:
+            outer = values[:, :, None] * values[:, None, :]
+            products.append(outer.reshape(len(values), -1).T)
+        return tuple(products)
 
     @cached_property
     def _h(self) -> Array:

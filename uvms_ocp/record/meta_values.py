@@ -44,9 +44,10 @@ OWN_QUANTITIES = (
 since the start of the phase [s], how often the phase has begun, this time included, the net weight
 [N] that thrusters bear beyond the robot's own, negative where something lifts, and the electrical
 energy [J] of thrusters and joints since the start of the mission and of the phase. Load and energy
-are as the controller of forces finds them, 0 without one.
+are estimated by the controller of forces; without one they are 0.
 """
 ENERGIES = OWN_QUANTITIES[4:]
+"""Those of them that are energies [J]."""
 LARGEST = 1e30
 """Largest number of reports and figures: its square is finite, and single precision, which scenes
 are kept in, holds it.
@@ -95,8 +96,8 @@ class ObstacleMeta(FileModel):
 
 
 class MetaValue(FileModel, ser_json_inf_nan="constants"):
-    """Base of all: unknown keys are refused, nothing can be changed, and infinity and NaN survive
-    the way through JSON.
+    """Base of all values of metadata: they refuse unknown keys, cannot be changed, and keep infinity
+    and NaN in JSON.
     """
 
 
@@ -164,7 +165,7 @@ class EventMeta(MetaValue):
 
     @property
     def truth(self) -> dict[str, float]:
-        """`true_quantities` by name [m] or [rad]."""
+        """Values of `true_quantities` [m] or [rad] by their names."""
         return {item.name: item.value for item in self.true_quantities}
 
 

@@ -108,7 +108,10 @@ def _type_of(field: dict[str, Any]) -> str:
     if isinstance(field.get("additionalProperties"), dict):
         return f"by name: {_type_of(field['additionalProperties'])}"
     name = str(field.get("type", "any"))
-    limits = [f"{sign} {field[key]:g}" for key, sign in _LIMIT_SIGNS.items() if key in field]
+    limits = []
+    for key, sign in _LIMIT_SIGNS.items():
+        if key in field:
+            limits.append(f"{sign} {field[key]:g}")
     if limits:
         return f"{name}, {' and '.join(limits)}"
     return name

@@ -55,12 +55,10 @@ def ellipsoid_added_mass(sides: np.ndarray, density: float) -> np.ndarray:
     squares = (np.asarray(sides, dtype=float) / 2.0) ** 2
     product = float(np.sqrt(np.prod(squares)))
     mass = density * 4.0 / 3.0 * np.pi * product
-    alpha = np.array(
-        [
-            2.0 / 3.0 * product * elliprd(*np.delete(squares, axis), squares[axis])
-            for axis in range(3)
-        ]
-    )
+    alpha = np.zeros(3)
+    for axis in range(3):
+        integral = elliprd(*np.delete(squares, axis), squares[axis])
+        alpha[axis] = 2.0 / 3.0 * product * integral
     added = np.zeros(6)
     added[:3] = mass * alpha / (2.0 - alpha)
     for axis in range(3):

@@ -67,28 +67,28 @@ def load_robot(
     altimeter: str | None = None,
     dvl: str | None = None,
 ) -> Robot:
-    """Load a robot by name, or from a robot file and, if there is one, its hydrodynamics file, or
-    what stands in it.
+    """Load a robot by name, or from a robot file and, if there is one, its hydrodynamics file or a
+    `RobotDescription`.
 
-    Robot files are URDF, SDF, MJCF, and xacro with the extra ``xacro``; what of the others has no
-    place in a URDF is a warning. In place of the name, a folder with robot.urdf, or with a file of
-    another format alone, or such a file: with the hydrodynamics.yaml beside it where there is one.
+    Robot files are URDF, SDF, MJCF, and xacro with the extra ``xacro``; content of SDF and MJCF that
+    has no place in a URDF is a warning. The name may also be a robot file, or a folder that holds
+    one, ``robot.urdf`` before others; a hydrodynamics.yaml beside the file is read with it.
 
-    ``variant`` is another published data set of a named robot, see ``list_variants``. The others
-    take the place of what the hydrodynamics file says, which is what they are by default: ``base``
-    is ``free_flyer`` or ``fixed``; ``package_dirs`` are searched for ``package://`` meshes, besides
-    those of the file; ``meshes=False`` leaves out shapes that are
-    meshes. Joints that ``<mimic>`` another one are ``"coupled"``, one joint with it;
+    ``variant`` is another published data set of a named robot, see ``list_variants``. The arguments
+    after it replace what the hydrodynamics file says, which is their default: ``base`` is
+    ``free_flyer`` or ``fixed``; ``package_dirs`` are searched for ``package://`` meshes, besides
+    those of the file; ``meshes=False`` leaves out shapes that are meshes. Joints that ``<mimic>``
+    another one are ``"coupled"``, one joint with it;
     ``mimic="free"`` makes them joints of their own, with the limits the URDF gives them,
     ``"fixed"`` keeps them where their leader's lock, or its home, puts them. ``lock`` fixes joints
-    at a position [rad or m], ``drop`` leaves out links with all that hangs on them; what the
-    hydrodynamics file says of what is left out counts for nothing. ``tool``, of several arms one
-    each, ``altimeter`` and ``dvl`` are frames.
+    at a position [rad or m], ``drop`` leaves out links with all that hangs on them; the
+    hydrodynamics file may still speak of joints and links that are left out. ``tool``, one for each
+    arm, ``altimeter`` and ``dvl`` are names of frames.
 
     Raises ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant
     without a name, ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError``, with
-    all that is wrong at once, for files that are missing, broken, do not fit each other, or hold
-    numbers that the model built from them has not.
+    all problems at once, for files that are missing, broken, do not fit each other, or hold numbers
+    that differ from those of the model built from them.
 
     What the files leave open, such as links without water and thrusters without power data, is a
     warning of this module's logger.
@@ -107,7 +107,7 @@ def load_robot(
     try:
         described = _read_description(files)
     except RobotDataError as error:
-        faults.append(error)  # what is wrong with the URDF is told with it
+        faults.append(error)  # raised below, together with the problems of the URDF
         described = RobotDescription()
     requested_reading: dict[str, Any] = {"mimic": mimic, "lock": lock, "drop": tuple(drop) or None}
     if meshes is not None:
@@ -166,7 +166,7 @@ class _RobotFiles:
         return self.yaml or self.urdf
 
     def paths(self) -> list[Path]:
-        """Return all files, that of the variant too."""
+        """Return all files, including that of the variant."""
         paths = [self.urdf]
         if self.yaml is not None:
             paths.append(self.yaml)
@@ -211,8 +211,8 @@ def _requested_files(
 def _package_folders(
     files: _RobotFiles, description: RobotDescription, folders: Sequence[str]
 ) -> tuple[str, ...] | None:
-    """Return these folders and those of the description, relative to the URDF; `None` where the
-    description alone says it, as it stands.
+    """Return the folders and those of the description, relative to the URDF; `None` where those of
+    the description are all and are relative to it already.
     """
     is_beside = files.yaml is None or files.yaml.parent == files.urdf.parent
     if not folders and is_beside:
@@ -270,7 +270,7 @@ def _joined_errors(errors: Sequence[RobotDataError]) -> RobotDataError:
 
 
 def _stamps(files: Iterable[Path | str]) -> list[Any]:
-    """Return what changes where one of the files does."""
+    """Return paths, inodes, sizes and times of the files: another list once one of them changed."""
     stamps = dict[str, Any]()
     for file in sorted(files):
         if os.path.isfile(file):
@@ -295,7 +295,7 @@ def _mesh_files(robot: Robot) -> set[str]:
 
 
 def _content_of(robot: Robot) -> list[Any]:
-    """Return what whoever has the robot, or its mesh files, can change."""
+    """Return the parts of a robot that its holder can change, with the stamps of its mesh files."""
     return [
         _stamps(_mesh_files(robot)),
         robot.model,
@@ -305,6 +305,7 @@ def _content_of(robot: Robot) -> list[Any]:
 
 
 def _copied_content_of(robot: Robot) -> list[Any]:
+    """Return a copy of `_content_of` as it is now."""
     return [
         _stamps(_mesh_files(robot)),
         robot.model.copy(),
@@ -314,8 +315,8 @@ def _copied_content_of(robot: Robot) -> list[Any]:
 
 
 def _note_files_read(robot: Robot, files: Iterable[Path]) -> None:
-    """Note the files of a robot that was read before: results depend on them as if they had been
-    read.
+    """Note the files of a robot that is taken from memory, as if they had been read again: results
+    depend on them.
     """
     for file in files:
         note_file_read(file)
@@ -326,18 +327,18 @@ def _note_files_read(robot: Robot, files: Iterable[Path]) -> None:
 
 
 def _warned(robot: Robot) -> Robot:
-    """Log what the files of a robot leave open."""
+    """Log the warnings on the files of a robot, and return it."""
     for text in _as_read[robot].warnings:
         _log.warning("%s", text)
     return robot
 
 
 def _known(robot: Robot) -> Robot:
-    """Return the robot that was loaded before from files that say the same: what was derived and
-    compiled of it is found again.
+    """Return an equal robot that was loaded before, with all that was derived and compiled for it;
+    else this one.
     """
     for shape in _shapes_of(robot):
-        shape.geometry.computeLocalAABB()  # else the first use does, and they differ
+        shape.geometry.computeLocalAABB()  # as the first use does, which would make it unequal
     content = attrgetter(
         "name", "urdf", "model", "visual_model", "collision_model", "description"
     )  # all else follows
@@ -373,6 +374,9 @@ def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, A
 
 
 def _is_file(name: str | Path) -> bool:
+    """Check whether a name means a file or folder: no robot of the library, and there or spelt as a
+    path.
+    """
     if isinstance(name, Path):
         return True
     if name in list_robots():
@@ -384,6 +388,9 @@ def _is_file(name: str | Path) -> bool:
 def _paths(
     name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None
 ) -> tuple[Path, Path | None]:
+    """Return the paths of URDF and hydrodynamics file. Raises `InvalidInput` for neither or both of
+    name and URDF.
+    """
     if (name is None) == (urdf is None):
         raise InvalidInput(
             "load_robot needs either a name or urdf=PATH; list_robots() gives the names"
@@ -396,6 +403,9 @@ def _paths(
 
 
 def _read_description(files: _RobotFiles) -> RobotDescription:
+    """Read the description of a robot, with its variant; an empty one where there is no file.
+    Raises `InvalidInput` for a variant without a name.
+    """
     if files.description:
         return files.description
     if files.yaml is None:

@@ -97,10 +97,10 @@ def coupled(model: pin.Model, groups: Groups) -> pin.Model:
             bound_at_upper = scale * model.upperPositionLimit[leader.idx_q] + offset
             speed = abs(scale) * model.upperVelocityLimit[leader.idx_v]
             effort = model.upperEffortLimit[leader.idx_v] / abs(scale)
-        damping = sum(
-            (multiplier / scale) ** 2 * model.damping[model.joints[index[name]].idx_v]
-            for name, (multiplier, _) in group.items()
-        )
+        damping = 0.0
+        for name, (multiplier, _) in group.items():
+            joint = model.joints[index[name]]
+            damping += (multiplier / scale) ** 2 * model.damping[joint.idx_v]
         lower, upper = sorted((bound_at_lower, bound_at_upper))
         model.lowerPositionLimit[first.idx_q] = lower
         model.upperPositionLimit[first.idx_q] = upper

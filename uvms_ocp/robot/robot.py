@@ -28,8 +28,8 @@ from uvms_ocp.robot.moved_frames import (
 )
 from uvms_ocp.types import Range, Shape
 
-_LIMIT_TOLERANCE = 1e-9  # [rad or m]
-_UNIT_TOLERANCE = 1e-6  # of a norm
+_LIMIT_TOLERANCE = 1e-9  # [rad or m] largest excess over a limit of a position
+_UNIT_TOLERANCE = 1e-6  # largest error of the norm of a quaternion or (cos, sin)
 
 
 @checked_dataclass(weakref_slot=True, eq=False, repr=False)
@@ -42,20 +42,26 @@ class Robot:
     """
 
     name: str
+    """Name of the robot."""
     model: pin.Model
+    """Joints, links and frames."""
     visual_model: pin.GeometryModel
+    """Shapes that are drawn."""
     collision_model: pin.GeometryModel
+    """Shapes whose distances count."""
     description: RobotDescription
+    """Content of its hydrodynamics file."""
     joints: tuple[Joint, ...]
     """Arm joints of a free-flyer, all joints otherwise."""
     limits: Limits
+    """Limits of vehicle and joints."""
     home: Annotated[np.ndarray, Range(open=True)]
     """Stowed posture (n_joints,) [rad or m], one number per degree of freedom."""
     hydrodynamics: tuple[LinkHydrodynamics, ...]
     """Links in water; floats and ballast add their volume."""
     urdf: Path | None = None
-    """The file that it was read from, for a robot of one's own or one that is read in another way
-    than by default.
+    """File that it was read from; `None` for a robot of the library with all options at their
+    defaults.
     """
 
     def __repr__(self) -> str:
@@ -107,7 +113,7 @@ class Robot:
 
     @property
     def leading_joints(self) -> tuple[str, ...]:
-        """Names of the joints that others mimic: they move as one."""
+        """Names of the joints that others mimic."""
         followed = {joint.idx_v for joint in list(self.model.joints)[1:] if not joint.nv}
         return tuple(joint.name for joint in self.joints if joint.idx_v in followed)
 
@@ -131,7 +137,7 @@ class Robot:
 
     @property
     def tools(self) -> tuple[str, ...]:
-        """Frames of the tools, of several arms one each; the first is the frame ``tool``."""
+        """Frames of the tools, one for each arm; the first is the frame ``tool``."""
         tools = roles.tools_of(self.description)
         if not tools and self.has_frame(roles.TOOL):
             return (roles.TOOL,)
@@ -155,8 +161,8 @@ class Robot:
 
     @property
     def configuration_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return limits (n_q,) [m, rad] of q, from below and above; infinite where none holds for
-        one entry alone.
+        """Lower and upper limits (n_q,) [m, rad] of q; infinite where there is none, and for entries
+        that belong together, such as a quaternion.
         """
         lower = np.full(self.n_q, -np.inf)
         upper = np.full(self.n_q, np.inf)
@@ -170,7 +176,7 @@ class Robot:
 
     @property
     def limited_positions(self) -> np.ndarray:
-        """Places (n,) in q of the joints that `configuration_bounds` may limit."""
+        """Indices (n,) in q of the joints that `configuration_bounds` may limit."""
         all_places = np.arange(self.n_q)
         places = [np.zeros(0, dtype=int)]
         for joint in self.joints:
@@ -197,7 +203,7 @@ class Robot:
 
     @checked_on_failure
     def has_frame(self, name: str) -> bool:
-        """Tell whether the frame exists."""
+        """Check whether a frame exists."""
         return name in self.frame_names
 
     @checked_on_failure
@@ -222,8 +228,9 @@ class Robot:
         """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
 
         Frames, shapes and joints on that frame move along; masses fixed to the moving link stay.
-        The description says so in ``loading.frames``, as may a file. Raises ``InvalidInput`` for a
-        frame that is itself a moving link, and ``FrameNotFound``.
+        The description of the copy has the new pose in ``loading.frames``, where files may have
+        poses too. Raises ``InvalidInput`` for a frame that is itself a moving link, and
+        ``FrameNotFound``.
         """
         moved = with_moved_frame(self, frame, X_parent)
         frame_pose = {
@@ -238,7 +245,8 @@ class Robot:
     def with_water_density(self, density: float) -> Robot:
         """Return a copy in water of another density [kg/m3].
 
-        Buoyancy and the added mass of shapes follow it, published coefficients and the trim do not.
+        Buoyancy and the added mass of shapes change with it; published coefficients and the trim do
+        not.
         """
         description = checked_copy(self.description, water_density=density)
         return replace(
@@ -270,7 +278,7 @@ class Robot:
         """Return one number per degree of freedom of the joints (n_joints,) [rad or m] at q (n_q,)
         [m, rad].
 
-        Those of joints that turn without end are from -pi to pi.
+        Joints that turn without end are from -pi to pi.
         """
         q = np.asarray(q, dtype=float)
         motion = pin.difference(self.model, pin.neutral(self.model), q)
@@ -289,14 +297,14 @@ class Robot:
 
     @checked_on_failure
     def check_configuration(self, q: ArrayLike) -> np.ndarray:
-        """Return q (n_q,) [m, rad] as a read-only array. Raises ``InvalidInput`` naming what is
-        wrong.
+        """Return q (n_q,) [m, rad] as a read-only array. Raises ``InvalidInput`` for a wrong size, a
+        norm that is not 1, or a joint beyond its limits.
         """
         return _checked(self, q)
 
 
 def with_moved_frame(robot: Robot, frame: str, X_parent: pin.SE3) -> Robot:
-    """Return `Robot.with_frame_pose` of a robot whose description says so already."""
+    """Return a copy as `Robot.with_frame_pose` does, with the description unchanged."""
     index = robot.frame_id(frame)
     check_movable(robot.model, index)
     moved = frames_fixed_to(robot.model, index)
@@ -345,7 +353,7 @@ def _joint_part(robot: Robot, joints: ArrayLike | Mapping[str, float] | None) ->
 
 
 def _checked(robot: Robot, q: ArrayLike) -> np.ndarray:
-    """Return q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
+    """Return q (n_q,) [m, rad] read-only. Raises `InvalidInput` as `Robot.check_configuration`."""
     array = finite_array("q", q, (robot.n_q,))
     if robot.n_vehicle:
         _check_unit("q: its quaternion", array[3:7])
@@ -365,6 +373,9 @@ def _checked(robot: Robot, q: ArrayLike) -> np.ndarray:
 
 
 def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
+    """Return the quaternion (4,) xyzw from rpy (3,) [rad] or quaternion (4,); by default that of no
+    rotation. Raises `InvalidInput`.
+    """
     if rpy is not None and quaternion is not None:
         raise InvalidInput("give either rpy or quaternion, not both")
     if quaternion is not None:
@@ -376,6 +387,7 @@ def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndar
 
 
 def _check_unit(what: str, values: np.ndarray) -> None:
+    """Raise `InvalidInput` for values (n,) whose norm is not 1."""
     norm = float(np.linalg.norm(values))
     if abs(norm - 1.0) > _UNIT_TOLERANCE:
         raise InvalidInput(f"{what} has norm {norm:.6g}; allowed: 1, divide it by its norm")
@@ -383,7 +395,7 @@ def _check_unit(what: str, values: np.ndarray) -> None:
 
 def require_normalized(model: pin.Model, q: ArrayLike) -> None:
     """Raise `InvalidInput` where q (..., n_q) [m, rad] has a quaternion or (cos, sin) whose norm is
-    not 1, but for NaN.
+    not 1; rows with NaN pass.
     """
     for row in np.reshape(np.asarray(q, dtype=float), (-1, model.nq)):
         if not pin.isNormalized(model, row, _UNIT_TOLERANCE) and np.isfinite(row).all():

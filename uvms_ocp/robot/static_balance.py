@@ -259,10 +259,9 @@ def _largest_push(robot: Robot, axis: int) -> float:
         if frame.parentJoint != 1:
             continue
         direction = (frame.placement.rotation @ link.X_FL.rotation)[axis]
-        added, linear, quadratic = (
-            float(direction @ matrix[:3, :3] @ direction)
-            for matrix in (link.added_mass, link.linear_drag, link.quadratic_drag)
-        )
+        added = float(direction @ link.added_mass[:3, :3] @ direction)
+        linear = float(direction @ link.linear_drag[:3, :3] @ direction)
+        quadratic = float(direction @ link.quadratic_drag[:3, :3] @ direction)
         force += float(acceleration * added + linear * speed + quadratic * speed**2)
     return force
 

@@ -248,15 +248,16 @@ class SymbolicDynamics(FieldTable):
         return [np.asarray(ca.DM(total)) for total in self._total_inertias()]
 
     def _total_inertias(self) -> list[ca.DM | ca.SX]:
+        """Return the inertia (6, 6) of each joint's body with the added mass of its links."""
         total = list(self._rigid)
         for link in self._wet:
             total[link.joint] = (
                 total[link.joint] + link.motion_LJ.T @ link.water.added_mass @ link.motion_LJ
             )
-        return [
-            sparse(np.asarray(inertia)) if isinstance(inertia, ca.DM) else inertia
-            for inertia in total
-        ]
+        for k, inertia in enumerate(total):
+            if isinstance(inertia, ca.DM):
+                total[k] = sparse(np.asarray(inertia))
+        return total
 
     def _water_wrench(self, link: WetLink, motions: BodyMotions, u: ca.SX, Du_Dt: ca.SX) -> Wrench:
         """Compute the wrench of the link on the water, at the joint that carries it."""

@@ -35,11 +35,10 @@ def signs_of_z_down(
     shapes: of the vehicle. buoyancy: its centre (3,) [m] in the frame of the root as the file states
     it; `None` where it does not.
     """
-    links = [
-        (index, frame)
-        for index, frame in enumerate(model.frames)
-        if frame.type == pin.FrameType.BODY and frame.parentJoint == _VEHICLE
-    ]
+    links = []
+    for index, frame in enumerate(model.frames):
+        if frame.type == pin.FrameType.BODY and frame.parentJoint == _VEHICLE:
+            links.append((index, frame))
     if not links:
         return
     words = NameWords(model)

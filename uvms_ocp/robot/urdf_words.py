@@ -1,10 +1,10 @@
-"""Elements and attributes of a URDF that nobody reads: urdfdom and Pinocchio skip a word that they do
-not know.
+"""Find elements and attributes of a URDF that nobody reads: urdfdom and Pinocchio skip words that
+they do not know.
 
-A word that can only be a mistake is refused: one that is nearly a known word, or any unknown one
-where nothing but numbers of the robot stands, unless it is one of another element whose numbers are
-all 0. Others, such as what a simulator adds to links, are named in one warning. The known words are
-those of urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
+A word that can only be a mistake is refused: one that is nearly a known word, or an unknown one in
+an element that holds nothing but numbers of the robot, unless another element has such a word and
+its numbers are all 0. Others, such as what a simulator adds to links, are named in one warning. The
+known words are those of urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from uvms_ocp.errors import RobotDataError, plain_line
 from uvms_ocp.robot.urdf_elements import Element, quoted, to_floats
 from uvms_ocp.robot.urdf_findings import Findings
 
-_LIKENESS = 0.66  # of difflib: "dampning" to "damping" is 0.93, "xzy" to "xyz" 0.67
-_SHOWN_WORDS = 8  # words in a warning
-_LONGEST_WORD = 40  # characters of a word
+_LIKENESS = 0.66  # least ratio of difflib: "dampning" to "damping" is 0.93, "xzy" to "xyz" 0.67
+_SHOWN_WORDS = 8  # largest number of words in a warning
+_LONGEST_WORD = 40  # characters of a word that are shown
 _XACRO = re.compile(r"\{[^}]*xacro[^}]*\}")
 
 
@@ -33,13 +33,15 @@ class _Place:
     """Attributes and elements that one element may hold."""
 
     children: frozenset[str] = frozenset()
+    """Elements in it that are read."""
     attributes: frozenset[str] = frozenset()
+    """Attributes that are read."""
     others: frozenset[str] = frozenset()
     """Elements for other programs, which change nothing here."""
     once: frozenset[str] = frozenset()
-    """Children that may stand once. Of two, parsers take the first without a word."""
+    """Children that may stand once: of two, parsers take the first without a warning."""
     closed: bool = True
-    """True where nobody adds attributes of their own."""
+    """True where other programs add no attributes."""
 
 
 def _places() -> dict[str, _Place]:
@@ -86,6 +88,7 @@ def unread_words(path: Path, root: Element) -> str:
 
 
 def _unread_below(findings: Findings, element: Element, where: str) -> Iterator[str]:
+    """Yield the words of an element and of all below it that nothing reads."""
     yield from _unread(findings, element, where)
     for child in element:
         if child.tag in PLACES[element.tag].children:
@@ -93,7 +96,7 @@ def _unread_below(findings: Findings, element: Element, where: str) -> Iterator[
 
 
 def _unread(findings: Findings, element: Element, where: str) -> Iterator[str]:
-    """Yield the words of one element, without those below, that nothing reads."""
+    """Yield the words of one element, without those below it, that nothing reads."""
     place = PLACES[element.tag]
     for word, value in element.attrib.items():
         if word in place.attributes:
@@ -114,9 +117,7 @@ def _unread(findings: Findings, element: Element, where: str) -> Iterator[str]:
 
 
 def _is_limit_of_none(element: Element, child: Element) -> bool:
-    """Check for <limits> of a joint that turns without end, such as a propeller: it would limit
-    nothing that is used.
-    """
+    """Check for <limits>, a misspelt <limit>, in a joint that has no limits, such as a propeller."""
     return (
         child.tag == "limits"
         and element.tag == "joint"
@@ -127,6 +128,9 @@ def _is_limit_of_none(element: Element, child: Element) -> bool:
 def _check_attribute(
     path: Path, word: str, place: _Place, present: Collection[str], where: str
 ) -> None:
+    """Check an unknown attribute beside those that are present. Raises `RobotDataError` for one that
+    can only be a mistake.
+    """
     parts = re.split("[_-]", word.lower())
     missing_parts = [part for part in parts if part in place.attributes and part not in present]
     meant = missing_parts or _meant(word, place.attributes)
@@ -136,6 +140,7 @@ def _check_attribute(
 
 
 def _check_element(path: Path, word: str, place: _Place, where: str) -> None:
+    """Check an unknown element. Raises `RobotDataError` for one that can only be a mistake."""
     if _XACRO.match(word):
         raise RobotDataError(
             path,
@@ -148,7 +153,7 @@ def _check_element(path: Path, word: str, place: _Place, where: str) -> None:
 
 
 def _meant(word: str, allowed: Collection[str]) -> list[str]:
-    """Return the known word that one is nearly, at most one."""
+    """Return the allowed word that an unknown one is nearly, in a list; empty for none."""
     if _is_foreign(word):
         return []
     candidates = {*allowed}
@@ -160,19 +165,18 @@ def _meant(word: str, allowed: Collection[str]) -> list[str]:
 
 
 def _is_foreign(word: str) -> bool:
-    """Check for a word of another namespace, written by someone who knows that URDF does not have
-    it.
-    """
+    """Check for a word of another XML namespace: its writer knows that URDF does not have it."""
     return word.startswith("{")
 
 
-def _unknown(problem: str, meant: list[str], attributes: Collection[str]) -> str:
-    allowed = f"allowed: {', '.join(sorted(attributes)) or 'none'}"
+def _unknown(problem: str, meant: list[str], words: Collection[str]) -> str:
+    """Write the problem with the word that was perhaps meant, and all that are allowed."""
+    allowed = f"allowed: {', '.join(sorted(words)) or 'none'}"
     if meant:
         return f"{problem}; did you mean {meant[0]!r}? {allowed}"
     return f"{problem}; {allowed}"
 
 
 def _shown(word: str) -> str:
-    """Return a word of anybody's on one line, without the address of its namespace."""
+    """Return a word for a message: on one line, shortened, without the address of its namespace."""
     return plain_line(word.rpartition("}")[2], _LONGEST_WORD)

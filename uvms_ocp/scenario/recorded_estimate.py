@@ -1,7 +1,7 @@
-"""Run the filter and the health monitor over a recording, and compare its readings with the filter.
+"""Run the filter and the health monitor over a recording, and compare its readings with the filter's
+predictions.
 
-For a run whose sensors are as the robot's file says, the estimate equals that of the run to the
-last bit.
+For a run with the sensors of the robot's file, the estimate equals that of the run to the last bit.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.report.summary import sensor_health
-from uvms_ocp.robot import Command, Robot, SensorSpecs
+from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
 from uvms_ocp.robot.signals import (
     CHANNELS,
     Reading,
@@ -43,7 +43,7 @@ from uvms_ocp.types import Period
 
 _Arrivals = Iterator[tuple[int, str, Any, float]]
 """Readings of a channel in order of arrival: tick, channel, value and when it was taken [s]."""
-_EARLY = 1e-6  # share of a tick by which a reading may come late and still belong to it
+_EARLY = 1e-6  # share of a tick by which a reading may come after it and still belong to it
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -58,8 +58,8 @@ class RecordedEstimate(TableDisplay):
     channels: tuple[Mapping[str, Any], ...]
     """A row for each channel; `estimate_recording` describes its columns."""
     same: bool | None = None
-    """The estimate equals that which the run recorded, to the last bit; `None` for a recording
-    without an estimate.
+    """True where the estimate equals the one that the run recorded, to the last bit; `None` for a
+    recording without an estimate.
     """
 
     def _table(self) -> SmallTable:
@@ -83,17 +83,17 @@ def estimate_recording(
     """Estimate the robot's motion from the readings of a recording, as the loop of `Scenario.run`
     does.
 
-    recording: record of a run with noisy sensors, with its commands; or a recording of another
-    vehicle, of which the filter gets no commands and, at every tick of dt [s], the newest reading.
-    specs: what to expect of the sensors, by default as the robot's file says, with the rates that
-    the channels of a recording have. faults: faults of sensors, added to the readings. folder: new
-    folder, to which rows are written in place of memory.
+    recording: record of a run with noisy sensors, whose commands the filter gets too; or a
+    recording of another vehicle, without commands, whose newest readings the filter gets at every
+    tick of dt [s]. specs: sensors to expect, by default those of the robot's file, at the rates
+    that a recording of another vehicle has. faults: faults of sensors, added to the readings.
+    folder: new folder, to which rows are written in place of memory.
 
     Columns of each channel: number of ``readings`` that arrived, their mean delay ``delay_s``, how
     many the filter ``compared`` with its prediction and how many of these it ``refused``; ``ratio``
-    of the size of innovations to the size expected, by medians, 1 where sensor, noise and motion
-    are as expected; ``sigma`` [unit of the channel] that is expected, and ``proposed_sigma``, which
-    would explain the innovations if they all came of the sensor; then those of `sensor_health`.
+    of the median size of innovations to the expected one, 1 where sensor, noise and motion are as
+    expected; ``sigma`` [unit of the channel] that is expected, and ``proposed_sigma``, which would
+    explain the innovations if the sensor caused all of them; then the columns of `sensor_health`.
 
     Raises `InvalidInput` for a record without readings, for channels that do not fit the robot, and
     for other faults.
@@ -118,30 +118,16 @@ def estimate_recording(
     received = _ReceivedReadings(arrivals, channels)
     outcome_rows = [int(filter_memory.NUMBER[name]) for name in channels]
     compared_times = np.full(len(channels), -math.inf)  # [s] of the last readings compared
-    command = None
     for tick in range(n_ticks):
         t = tick * dt
-        estimate = guarded(received.until(tick, t), t, command)
+        estimate = guarded(received.until(tick, t), t, _command_before(run, tick))
         sample_times, squared, degrees, accepted = filtering.outcomes[outcome_rows].T
         is_new = sample_times > compared_times
         compared_times = np.where(is_new, sample_times, compared_times)
-        health = [channel_health.trust for channel_health in estimate.health]
-        row: dict[str, Any] = {
-            "t": t,
-            "q_estimated": estimate.q,
-            "v_estimated": estimate.v,
-            "q_std": estimate.std,
-            "altimeter_range": estimate.altimeter_range,
-            "altimeter_std": estimate.altimeter_std,
-            "health": np.array(health, dtype=np.int8),
-            "innovation": np.where(is_new, squared / np.maximum(degrees, 1.0), math.nan),
-            "refused": is_new & (accepted == 0.0),
-        }
+        row = _estimate_columns(t, estimate)
+        row["innovation"] = np.where(is_new, squared / np.maximum(degrees, 1.0), math.nan)
+        row["refused"] = is_new & (accepted == 0.0)
         recorder.append(row)
-        if run is not None:
-            command = Command(
-                v=run.series["command"][tick], brakes=bool(run.series["brakes"][tick])
-            )
     series = recorder.series()
     meta = meta_without_mission(
         robot,
@@ -174,6 +160,27 @@ def estimate_recording(
     return RecordedEstimate(record=record, channels=tuple(rows), same=is_same)
 
 
+def _command_before(run: Record | None, tick: int) -> Command | None:
+    """Return the command that a run gave in the tick before this one; `None` for none."""
+    if run is None or tick == 0:
+        return None
+    return Command(v=run.series["command"][tick - 1], brakes=bool(run.series["brakes"][tick - 1]))
+
+
+def _estimate_columns(t: float, estimate: StateEstimate) -> dict[str, Any]:
+    """Return the estimate of a tick in the columns of a record."""
+    health = [channel_health.trust for channel_health in estimate.health]
+    return {
+        "t": t,
+        "q_estimated": estimate.q,
+        "v_estimated": estimate.v,
+        "q_std": estimate.std,
+        "altimeter_range": estimate.altimeter_range,
+        "altimeter_std": estimate.altimeter_std,
+        "health": np.array(health, dtype=np.int8),
+    }
+
+
 class _ReceivedReadings:
     """Newest readings of all channels in the course of a recording, and their delays."""
 
@@ -203,10 +210,11 @@ class _ReceivedReadings:
 def _agreement(
     innovations: np.ndarray, refused: np.ndarray, n_degrees: float, sigma: float
 ) -> dict[str, Any]:
-    """Compare the innovations of a channel with what its specification lets expect.
+    """Compare the innovations of a channel with those that its specification predicts.
 
     innovations: (n,) squares over covariance and degrees of freedom, NaN where there is none.
-    refused: (n,) whether the filter refused them. sigma: [unit of the channel] that is expected.
+    refused: (n,) True where the filter refused them. sigma: [unit of the channel] expected standard
+    deviation.
     """
     compared = innovations[np.isfinite(innovations)]
     ratio = None
@@ -266,8 +274,8 @@ def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, 
 def _sent(
     recording: Recording, robot: Robot, specs: SensorSpecs, dt: float
 ) -> tuple[dict[str, _Arrivals], int, float]:
-    """Return the readings of another vehicle's recording by channel, from the first on, the number of
-    ticks, and their period [s].
+    """Return the readings of another vehicle's recording by channel, at times since the first of
+    them, with the number of ticks and their period [s].
     """
     if recording.at_once:
         raise InvalidInput(

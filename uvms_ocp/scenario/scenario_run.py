@@ -37,18 +37,22 @@ if TYPE_CHECKING:
 _BAR_EVERY = 40  # ticks between two updates of the bar
 _BAR_TEXT = 60  # letters of a bar's text, however long the name of a phase is
 
-_WRITE_EVERY = 2.0  # [s] of rows that are held in memory before they go to a folder
+_WRITE_EVERY = 2.0  # [s] rows of so much time are held in memory before they go to a folder
 _MOST_HELD_ROWS = 512
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RunParts:
-    """Parts of one run, fresh: what they remember belongs to it."""
+    """Parts of one run, made for it alone: they keep its state."""
 
     plant: Plant
+    """Simulated robot in its water."""
     sensors: Sensors
+    """Sensors that read the plant."""
     estimator: GuardedEstimator
+    """Estimator behind the checks of its readings."""
     controller: MissionController
+    """Controller that carries out the mission."""
 
 
 class ScenarioRun:
@@ -75,7 +79,7 @@ class ScenarioRun:
         folder: Path | str | None,
         presses: Sequence[object],
     ) -> Record:
-        """Simulate, and return the record; a run that Ctrl-C ended has one up to there.
+        """Simulate, and return the record; where Ctrl-C ends the run, the record up to there.
 
         show_time: called with the time [s] of ticks. progress, observer: called at every tick, see
         `simulate`. folder: gets the rows in place of memory. presses: one entry for each Ctrl-C.
@@ -105,12 +109,12 @@ class ScenarioRun:
         return self.record_of(recorder, stopped_by_hand=bool(presses))
 
     def look(self, state: State) -> None:
-        """Keep the true state at which a phase has ended since the last look."""
+        """Keep the true state if a phase has ended since the last call."""
         if len(self._kinematic.events) > len(self._states_at_events):
             self._states_at_events.append(state)
 
     def record_of(self, recorder: Recorder, *, stopped_by_hand: bool) -> Record:
-        """Return the record of the rows so far, with what the run has come to."""
+        """Return the record of the rows so far, with the outcome of the run."""
         wall_s = perf_counter() - self._begin
         outcome = self._outcome(recorder, wall_s, stopped_by_hand)
         return recorder.freeze(self._meta(ending=outcome))
@@ -126,9 +130,9 @@ class ScenarioRun:
         return Recorder(capacity, place, self._meta_if_news, self._ticks_per_row)
 
     def reading_sizes(self) -> dict[str, int]:
-        """Count the numbers of a reading of each channel whose readings are recorded.
+        """Return how many numbers a reading of each recorded channel has.
 
-        None are where the estimator repeats its readings.
+        No channels are recorded beside an estimator that passes readings on.
         """
         estimator = self._parts.estimator
         if isinstance(estimator.estimator, PassThrough):
@@ -138,8 +142,8 @@ class ScenarioRun:
         return {name: math.prod(shapes[name]) for name in channels if name in shapes}
 
     def _meta_if_news(self) -> RunMeta | None:
-        """Return metadata so far where an event or an alarm is new, for a folder that outlives the
-        program.
+        """Return the metadata so far if there are new events or alarms, else `None`: a folder has
+        them even if the program is killed.
         """
         counts = (
             len(self._kinematic.events),
@@ -160,8 +164,8 @@ class ScenarioRun:
         return self._meta(ending=outcome)
 
     def _metadata(self) -> Callable[..., RunMeta]:
-        """Return `run_meta` with all that is known before the run, so that only the outcome, as
-        `ending`, is left to give.
+        """Return `run_meta` with all arguments that are known before the run; `ending`, the outcome,
+        is left to give.
         """
         scenario = self._scenario
         return partial(
@@ -178,6 +182,7 @@ class ScenarioRun:
         )
 
     def _part_names(self) -> dict[str, str]:
+        """Return the classes of the parts by their roles, for the metadata."""
         scenario = self._scenario
         controller = self._parts.controller
         estimator = self._parts.estimator.estimator
@@ -258,9 +263,9 @@ class ScenarioRun:
 def run_bar(
     scenario: Scenario, shown: bool, kinematic: KinematicController
 ) -> Iterator[Callable[[float], None]]:
-    """Show a bar of the simulated time where somebody looks, with what the mission waits for.
+    """Show a bar of the simulated time on terminals, with the conditions that the mission waits for.
 
-    Yields the function that is to get the times [s] of ticks.
+    Yields the function to call with the time [s] of each tick.
     """
     with progress_bar(
         shown=shown, total=scenario.duration, delay=SILENT, bar_format="{elapsed} |{bar}| {desc}"

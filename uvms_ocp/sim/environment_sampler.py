@@ -19,13 +19,14 @@ from uvms_ocp.sim.rough_seafloor import HeightField
 from uvms_ocp.sim.seafloor import FlatSeafloor, ground_at
 
 _NOWHERE = np.zeros((0, 3))
-_MARGIN = 1.0  # [m] above its highest part up to which the floor is looked at anyhow
+_MARGIN = 1.0  # [m] height over the top of the floor below which the floor is sampled
 _FASTEST = 10.0  # [m/s] no vehicle sinks faster
 
 
 class EnvironmentSampler:
-    """Writes the environment where the plant's kernel reads it. What never changes is written once,
-    by `bind`.
+    """Writes water and floor at a configuration into the arrays that the plant's kernel reads.
+
+    A steady current and a flat floor are written once, by `bind`.
     """
 
     _outputs: Mapping[str, np.ndarray]
@@ -38,8 +39,8 @@ class EnvironmentSampler:
         *,
         compiled: bool = True,
     ) -> None:
-        """points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for
-        that.
+        """points (n_points, 3) [m]: contact points in B. compiled: compile the positions of links
+        and points to machine code.
         """
         self._environment = environment
         self._n_links = len(dynamics.links)
@@ -57,16 +58,14 @@ class EnvironmentSampler:
 
     @property
     def changes(self) -> bool:
-        """True where the environment is another one at other times or places, and so is to be
-        sampled.
+        """True where water or floor differ from time to time or place to place, so that `sample` is
+        needed.
         """
         return not (self._steady and self._flat)
 
     def bind(self, **outputs: np.ndarray) -> None:
-        """Write from now on into arrays, which the plant reads.
-
-        Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and
-        floor_normal (n_points, 3).
+        """Write from now on into the arrays u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2],
+        floor_z (n_points,) [m] and floor_normal (n_points, 3), which the plant reads.
         """
         self._outputs = outputs
         if self._steady:
@@ -81,19 +80,20 @@ class EnvironmentSampler:
         sites = _NOWHERE
         if self._sites is not None:
             (p_W,) = self._sites(q)
-            sites = p_W.reshape(3, -1).T  # of a single site a column, (3,)
+            sites = p_W.reshape(3, -1).T  # a single site comes as (3,)
         if not self._steady:
             self._sample_water(sites[: self._n_links], t)
         if self._flat:
             return
         points = sites[self._n_links :]
         if points[:, 2].min() > self._top + _MARGIN + _FASTEST * dt:
-            # The top is as much out of reach as all that is below it.
+            # No point reaches the floor within dt: its top stands for all heights.
             self._outputs["floor_z"][:] = self._top
         else:
             self._sample_floor(points)
 
     def _sample_water(self, p_W: np.ndarray, t: float) -> None:
+        """Write the water at positions p_W (n_links, 3) [m] and time t [s]."""
         current = self._environment.current
         outputs = self._outputs
         flow = current.uniform_flow(t) if self._uniform else None
@@ -105,6 +105,7 @@ class EnvironmentSampler:
             outputs["u"][:], outputs["Du_Dt"][:] = flow
 
     def _sample_floor(self, p_W: np.ndarray) -> None:
+        """Write heights and normals of the floor below points p_W (n_points, 3) [m]."""
         heights, normals = ground_at(self._environment.seafloor, p_W[:, :2])
         self._outputs["floor_z"][:] = heights
         self._outputs["floor_normal"][:] = normals

@@ -1,13 +1,13 @@
-"""Plants, sensors, estimators, controllers and faults of a user: what they have to be, and checks
-of what they return.
+"""Plants, sensors, estimators, controllers and faults of a user: protocols that they implement, and
+checks.
 
-A maker is called with the scenario and builds what takes long to build, so that a step only steps:
-an instance with settings, a function, or a class whose constructor takes the scenario. What it
-makes runs as Python beside what is compiled, fresh in every run: what it remembers belongs to that
-run, and what it draws it draws from `scenario.seed`. A maker that can be pickled, a class or a
-value of a class that can be imported, goes to the workers of studies. Shapes and numbers are
-checked at every tick; what does not fit raises `InvalidInput` with the name of the part. Records
-and reports name all parts.
+A maker is called with the scenario before each run and returns the part for that run: a function, a
+class whose constructor takes the scenario, or an instance with settings. Whatever takes long is
+built there, so that a step only steps. The part runs as Python beside compiled code; it may keep
+state, since no other run uses it, and draws random numbers from `scenario.seed`. A maker that can
+be pickled, a class or a value of a class that can be imported, goes to the workers of studies.
+Shapes and numbers are checked at every tick; those that do not fit raise `InvalidInput` with the
+name of the part. Records and reports name all parts.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from uvms_ocp.sim.plant import Plant
 
 
 def part_name(maker: Any) -> str:
-    """Return the name of the part that a maker makes, as records have it: that of a function or
-    class, or of the class of anything else.
+    """Return the name of a maker, as records have it: of a function or class its own, of any other
+    value that of its class.
     """
     if isinstance(maker, partial):
         return part_name(maker.func)
@@ -38,15 +38,15 @@ def part_name(maker: Any) -> str:
 
 
 def plant_name(plant: Any) -> str:
-    """Return the name of a plant of the toolkit."""
+    """Return the name of a plant of the toolkit or of a maker."""
     if isinstance(plant, str):
         return plant
     return part_name(plant)
 
 
 def require_plant(plant: Any) -> None:
-    """Raise `NameNotFound` for an unknown name, `InvalidInput` for a maker that does not tell what
-    its plant takes.
+    """Raise `NameNotFound` for an unknown name, `InvalidInput` for a maker without
+    ``takes_forces``.
     """
     if isinstance(plant, str):
         require_known("plant", plant, PLANTS)
@@ -63,7 +63,7 @@ def takes_forces(plant: Any) -> bool:
 
 
 def specs_of(sensors: Any) -> SensorSpecs:
-    """Return the specifications of the sensors. Raises `InvalidInput` for a maker without."""
+    """Return the specifications of sensors. Raises `InvalidInput` for a maker without ``specs``."""
     if isinstance(sensors, SensorSpecs):
         return sensors
     specs = getattr(sensors, "specs", None)
@@ -74,9 +74,7 @@ def specs_of(sensors: Any) -> SensorSpecs:
 
 
 def require_simulated(faults: Iterable[Fault], plant: Any, sensors: Any) -> None:
-    """Raise `InvalidInput` for a fault of a user's own plant or sensors that these do not have of
-    themselves.
-    """
+    """Raise `InvalidInput` for a fault that a user's own plant or sensors do not simulate."""
     for fault in faults:
         channel = fault.location.channel
         kind = "plant"
@@ -100,11 +98,11 @@ class PlantMaker(Protocol):
     """Maker of a plant, for ``Scenario(plant=...)`` where it is none of the names ``dynamic`` and
     ``kinematic``.
 
-    It may have an attribute ``simulated_faults``, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``:
-    the faults that its plant has of itself when `scenario.toolkit_faults` lists them; others are
-    refused, those of sensors are none of its business. Campaigns vary `scenario.plant_robot` and
-    `scenario.environment`, and of a maker that is a dataclass every float by its name, such as
-    ``parts.plant.rate``: what a plant does not read is not varied.
+    It may have an attribute ``simulated_faults``, a tuple of ``thruster``, ``joint``, ``current``
+    and ``payload``: the faults that its plant simulates where `scenario.toolkit_faults` lists them;
+    others of the plant are refused. Campaigns vary `scenario.plant_robot` and
+    `scenario.environment`, which only act if the plant reads them, and every float of a maker that
+    is a dataclass by its name, such as ``parts.plant.rate``.
     """
 
     takes_forces: bool
@@ -120,13 +118,13 @@ class Disturbance(Protocol):
     """Fault injected into one run, asked from its onset to its end."""
 
     def readings(self, readings: Readings, t: float) -> Readings:
-        """Return the readings that arrive at time t [s]; the same object where nothing is wrong,
-        others are new readings.
+        """Return the readings that arrive at time t [s]; the same object where nothing is wrong:
+        another one counts as new readings.
         """
 
     def command(self, command: Command, t: float) -> Command:
-        """Return the command that arrives at the plant at time t [s]. The record keeps the one
-        given.
+        """Return the command that arrives at the plant at time t [s]. The record keeps the original
+        one.
         """
 
 
@@ -136,9 +134,9 @@ class FaultMaker(Protocol):
     """
 
     onset: float
-    """[s] time from which the fault is there, 0 or more."""
+    """[s] time at which the fault begins, 0 or more."""
     end: float
-    """[s] Time from which all is well again; inf: never."""
+    """[s] time at which the fault ends; inf: never."""
 
     def __call__(self, scenario: Any) -> Disturbance:
         """Return the fault in a run of a `Scenario`."""
@@ -147,10 +145,10 @@ class FaultMaker(Protocol):
 class SensorsMaker(Protocol):
     """Maker of sensors, for ``Scenario(sensors=...)`` where it is no `SensorSpecs`.
 
-    It may have an attribute ``simulated_faults``, a tuple of channels: the faults that its sensors have of
-    themselves when `scenario.toolkit_faults` lists them; others are refused. Campaigns vary
-    `scenario.real_sensors`, the true ones where they differ from `specs`; nominal delays are those
-    of the toolkit's sensors alone.
+    It may have an attribute ``simulated_faults``, a tuple of channels: its sensors simulate faults of
+    these where `scenario.toolkit_faults` lists them; others are refused. Campaigns vary
+    `scenario.real_sensors`, the true specifications where they differ from `specs`; nominal delays
+    exist for the toolkit's sensors alone.
     """
 
     @property
@@ -161,9 +159,9 @@ class SensorsMaker(Protocol):
         """Return the sensors of a `Scenario`: a callable ``(State, t) -> Readings`` of the true
         state at time t [s].
 
-        A reading that is the same object as at the tick before is no new one. Values may be nan:
-        that is a sensor which fails, and the monitor deals with it. Of channels that `specs` has,
-        readings of the shapes of `Readings`.
+        Channels of `specs` have readings of the shapes of `Readings`. A reading that is the same
+        object as at the tick before is no new one. Values of a sensor that fails may be nan, which
+        the monitor deals with.
         """
 
 
@@ -174,10 +172,10 @@ class EstimatorMaker(Protocol):
         """Return the estimator of a `Scenario`: a callable ``(Readings, t, command) ->
         StateEstimate`` at time t [s].
 
-        `command` has been acting since the last call, `None` at the first. A monitor stands around
-        it: readings that cannot be true are kept from it, and age and health of its measurements
-        are the monitor's. One that has ``outcomes`` and ``inflate_velocity_variance``, as
-        `uvms_ocp.control.Estimator` does, is heard by the monitor too.
+        `command` has been acting since the last call, `None` at the first. A monitor keeps readings
+        that cannot be true from the estimator, and gives the age and health of measurements. It
+        also uses ``outcomes`` and ``inflate_velocity_variance`` of an estimator that has both, as
+        `uvms_ocp.control.Estimator` does.
         """
 
 
@@ -188,6 +186,6 @@ class ControllerMaker(Protocol):
         """Return the controller of a `Scenario`: a callable ``(StateEstimate, t) -> Command`` at
         time t [s].
 
-        The command has thrust and torque where the plant takes forces. `SupervisedController`
-        follows the mission beside it.
+        The command has thrust and torque where the plant takes forces. A `SupervisedController`
+        around it follows the mission.
         """

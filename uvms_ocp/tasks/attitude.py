@@ -1,8 +1,8 @@
 """Attitude tasks: horizontal attitude (HA), alignment with a target (AT), field of view (FV).
 
-Where the thrusters leave an axis of the vehicle to itself, an angle is measured and asked for in
-the plane in which what is driven turns it, and translation turns nothing: the strict hierarchy
-would meet the row by whatever is left, and flee.
+On vehicles whose thrusters do not drive all axes, a task controls the angle only in the plane in
+which driven axes turn it, and not by translation: the strict hierarchy would otherwise meet the row
+by driving away.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from uvms_ocp.tasks.task import (
 )
 from uvms_ocp.types import Positive
 
-_SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
-_ROUNDING = 1e-3  # [rad] below which the smooth angle of a residual flattens out
-# sine of the angle between an axis and what turns the vehicle below which it is not turned
-_PARALLEL = 1e-6
-# share of a direction in the plane in which an axis is turned, below which there is no angle in it
+_SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis is the fallback
+_ROUNDING = 1e-3  # [rad] angle below which the smooth angle of a residual flattens out
+_PARALLEL = 1e-6  # a driven axis turns no axis that is parallel to it up to this sine
+# Least length of a unit vector's part in the plane in which an axis is turned: of shorter ones the
+# angle in it is taken as 0.
 _IN_PLANE = 1e-3
 _ANGLE_NUMBERS = ("gain", "saturation", "aim")  # `symbolic_numbers` of tasks on one angle
 _OVERHEAD = 1e-3  # [m] horizontal distance below which the direction to a target is undefined
@@ -45,8 +45,8 @@ def misalignment(a: ca.SX, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Compute the angle theta [rad] in [0, pi] and unit axis n (3,) of the rotation that takes unit
     vector a to unit vector b.
 
-    Where a and b are parallel the axis is `fallback`, so that theta = pi can be left and theta = 0
-    is no 0 / 0.
+    Where a and b are parallel the axis is `fallback`: theta = pi has an axis to turn about, and
+    theta = 0 divides by no zero.
     """
     normal = ca.cross(a, b)
     sine = ca.norm_2(normal)
@@ -66,18 +66,18 @@ class AngleTask(Task):
     saturation: Positive
     """[rad/s] Largest rate that is asked for."""
     activation: SmoothActivation
-    """[rad] activation rises over this range."""
+    """[rad] angles between which the activation rises."""
     aim: Positive
     """[rad] angle at which the strict hierarchy's bound lets theta rest."""
 
     @property
     def watched_axis(self) -> tuple[float, float, float]:
-        """(3,) unit vector of `frame` whose angle it is."""
+        """(3,) unit vector in `frame` whose angle is kept small."""
         return 1.0, 0.0, 0.0
 
     def turning_directions(self, robot: Robot) -> np.ndarray | None:
-        """Return (3, k) unit vectors in B, perpendicular to the axis, towards which it is turned;
-        `None` where that is everywhere.
+        """Return unit vectors (3, k) in B, perpendicular to the axis, towards which the thrusters
+        can turn it; `None` where they can turn it everywhere.
 
         Raises `FrameNotFound`.
         """
@@ -93,11 +93,11 @@ class AngleTask(Task):
         return directions
 
     def _turn(self, symbols: TickSymbols, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Compute angle [rad] and axis (3,) in W of the rotation towards b (3,) as far as that is
-        driven, as of `misalignment`.
+        """Compute angle [rad] and axis (3,) in W of the rotation towards b (3,), as `misalignment`
+        does, in the plane in which the thrusters can turn the axis.
 
-        Both are 0 where b has no part in the plane in which the axis is turned, and where it is
-        turned to b; where nothing turns it the axis (3,) is.
+        Both are 0 where b has no part in that plane, and the axis is 0 where nothing turns it, and
+        where it points to b.
         """
         R_WF, _ = symbols.kinematics.pose(self.frame)
         a = R_WF @ ca.DM(self.watched_axis)
@@ -113,15 +113,15 @@ class AngleTask(Task):
         is_in_view = ahead**2 + aside**2 > _IN_PLANE**2
         normal = symbols.R_WB @ ca.DM(np.cross(axis, directions[:, 0]))
         n = ca.if_else(aside < 0, -normal, normal)
-        # There, either turn leads away: a bound on one of them would depend on the axes of the file.
+        # At b either turn leads away from it: a bound on one would depend on the axes of the file.
         is_there = ca.logic_and(ca.fabs(aside) < _SINE_FLOOR, ahead > 0)
         n = ca.if_else(is_there, 0, n)
         theta = ca.atan2(ca.fabs(aside), ahead)
         return ca.if_else(is_in_view, theta, 0), ca.if_else(is_in_view, n, 0)
 
     def _angle_residual(self, a: ca.SX, b: ca.SX) -> Residual:
-        """Chord between unit vectors, ``2 sin(theta / 2)``: smooth at theta = 0 and steep where
-        theta is large.
+        """Bound the chord between unit vectors, ``2 sin(theta / 2)``, which is smooth at theta = 0
+        and steep where theta is large.
         """
         chord = ca.sqrt(ca.sumsqr(a - b) + _ROUNDING**2)
         return bounded_residual(chord, upper=float(np.hypot(2 * np.sin(self.aim / 2), _ROUNDING)))
@@ -132,8 +132,8 @@ class AngleTask(Task):
         """Build the rows that hold d theta / dt = `row` @ v at a rate that brings theta inside
         `aim`.
 
-        What translation and axes that nobody drives make of it comes as it is measured, and is not
-        asked for.
+        The part of d theta / dt from translation and from axes that no thruster drives is taken as
+        measured, and not asked for.
         """
         undriven_rate = ca.SX(0)
         directions = self.turning_directions(symbols.robot)
@@ -176,7 +176,7 @@ class HorizontalAttitude(AngleTask):
     """[rad] angle within which the vehicle is to be."""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Tilt <= `aim` [rad]."""
+        """Keep the tilt <= `aim` [rad]."""
         R_WB, _ = symbols.kinematics.pose(self.frame)
         return self._angle_residual(R_WB[:, 2], ca.SX([0, 0, 1]))
 
@@ -230,8 +230,8 @@ class TargetTask(AngleTask):
         """Return rows for the way d (3,) [m] to the target, which translation turns by ``across @ v
         / |d|^2``, across (3, 3) [m].
 
-        speed (3,) [m/s]: of the target. quantities: those beside the angle, which is called `name`.
-        At d = 0 nothing is asked.
+        speed (3,) [m/s]: velocity of the target. name: of the angle among quantities; `quantities`
+        are the others. At d = 0 nothing is asked for.
         """
         J = symbols.kinematics.jacobian(self.frame)
         is_overhead = ca.norm_2(d) < _OVERHEAD
@@ -243,8 +243,7 @@ class TargetTask(AngleTask):
         rows = self._angle_rows(
             symbols, angle, ca.if_else(is_overhead, 0, row), {name: angle, **quantities}
         )
-        # A moving target turns the line of sight by itself: that part of d theta / dt is not ours
-        # to choose.
+        # A moving target turns the line of sight too: no motion of the robot changes that part.
         drift = ca.if_else(is_overhead, 0, n.T @ turning @ speed)
         return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
 
@@ -253,9 +252,10 @@ class TargetTask(AngleTask):
 class Alignment(TargetTask):
     """AT: the body x axis points along the horizontal direction to a target ([Gao2022] eqs 36-58).
 
-    theta takes a = body x axis to b = d / |d|, d the horizontal part of target minus vehicle position, and
-    ``d theta / dt = -n . (omega_W + [d x] diag(1,1,0) v_W / |d|^2)``. A target straight above or below has no
-    direction: the row is zero then and the quantity ``overhead`` is 1. Raises `InvalidInput` for a goal that is no position.
+    theta takes a = body x axis to b = d / |d|, d the horizontal part of target minus vehicle
+    position, and ``d theta / dt = -n . (omega_W + [d x] diag(1,1,0) v_W / |d|^2)``. A target
+    straight above or below has no direction: the row is zero then and the quantity ``overhead`` is
+    1. Raises `InvalidInput` for a goal that is no position.
     """
 
     symbolic_numbers: ClassVar[tuple[str, ...]] = _ANGLE_NUMBERS
@@ -271,8 +271,8 @@ class Alignment(TargetTask):
     """[rad] angle within which the vehicle is to be."""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Angle to the target's horizontal direction <= `aim` [rad]; free below or above the
-        target.
+        """Keep the angle to the target's horizontal direction <= `aim` [rad]; below or above the
+        target it is free.
         """
         R_WB, p_WB = symbols.kinematics.pose(self.frame)
         d = ca.vertcat(parameters[:2] - p_WB[:2], 0)
@@ -297,10 +297,10 @@ class Alignment(TargetTask):
 class FieldOfView(TargetTask):
     """FV: a point stays inside the cone that a camera sees.
 
-    theta takes the optical axis to the direction d / |d| of the point, and
-    ``d theta / dt = -n . (omega_W + d x v_W / |d|^2)`` with the velocity of the camera's frame. A point at the camera
-    itself has no direction: the row is zero then. Raises `InvalidInput` for a goal that is no position or an axis that is
-    no unit vector.
+    theta takes the optical axis to the direction d / |d| of the point, and ``d theta / dt = -n .
+    (omega_W + d x v_W / |d|^2)`` with the velocity of the camera's frame. A point at the camera
+    itself has no direction: the row is zero then. Raises `InvalidInput` for a goal that is no
+    position or an axis that is no unit vector.
     """
 
     symbolic_numbers: ClassVar[tuple[str, ...]] = _ANGLE_NUMBERS
@@ -327,7 +327,7 @@ class FieldOfView(TargetTask):
         return self.axis
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Angle to the point <= `aim` [rad]; free at the camera itself."""
+        """Keep the angle to the point <= `aim` [rad]; at the camera itself it is free."""
         R_WC, p_WC = symbols.kinematics.pose(self.frame)
         d = parameters[:3] - p_WC
         return self._angle_residual(

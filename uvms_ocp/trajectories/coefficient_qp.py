@@ -131,7 +131,8 @@ class _Qp:
         """Build the derivatives 0 .. k - 1 at unit time u of each piece, by its coefficients."""
         rows = [hermite_pieces.monomial_row(u, d, 2 * self.k) for d in range(self.k)]
         matrix = ca.DM(np.stack(rows))
-        return [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ matrix) for t in self.tau]
+        orders = np.arange(self.k)
+        return [ca.sparsify(ca.diag(t**-orders) @ matrix) for t in self.tau]
 
     def limits(self, problem: NodeProblem, axis: int) -> tuple[Array, Array]:
         """Return bounds (k, n + 1) [axis/s^d] on the node derivatives of one axis."""

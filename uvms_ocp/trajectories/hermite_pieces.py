@@ -16,7 +16,7 @@ import numpy as np
 from uvms_ocp.types import Array, read_only
 
 _Rational = np.ndarray
-"""(n, n) of fractions."""
+"""Matrix (n, n) of fractions."""
 
 
 @lru_cache
@@ -38,14 +38,18 @@ def hermite_cost(k: int) -> Array:
 
 @lru_cache
 def monomial_cost(k: int) -> Array:
-    """Return the matrix (2k, 2k) of that integral as a quadratic form of the coefficients."""
+    """Return the matrix (2k, 2k) of the integral of the squared k-th derivative as a quadratic form
+    of the coefficients.
+    """
     return _rounded(_monomial_cost(k))
 
 
 def monomial_row(u: float, derivative: int, n_coefficients: int) -> Array:
     """Return the derivative-th derivative (n_coefficients,) of ``1, u, u^2, ...`` at u."""
-    powers = range(n_coefficients)
-    return np.array([_falling(i, derivative) * u ** max(i - derivative, 0) for i in powers])
+    row = []
+    for power in range(n_coefficients):
+        row.append(_falling(power, derivative) * u ** max(power - derivative, 0))
+    return np.array(row)
 
 
 def basis(u: Array, derivative: int, k: int) -> Array:
@@ -70,12 +74,15 @@ def _end_data_matrix(k: int) -> _Rational:
     rows_at_0 = []
     rows_at_1 = []
     for d in range(k):
-        rows_at_0.append([Fraction(factorial(d) if i == d else 0) for i in range(2 * k)])
+        row_at_0 = [Fraction(0)] * (2 * k)
+        row_at_0[d] = Fraction(factorial(d))
+        rows_at_0.append(row_at_0)
         rows_at_1.append([Fraction(_falling(i, d)) for i in range(2 * k)])
     return np.array(rows_at_0 + rows_at_1)
 
 
 def _monomial_cost(k: int) -> _Rational:
+    """Return `monomial_cost` exactly."""
     n = 2 * k
     rows = []
     for i in range(n):
@@ -98,4 +105,5 @@ def _inverse(matrix: _Rational) -> _Rational:
 
 
 def _rounded(matrix: _Rational) -> Array:
+    """Round fractions to floats."""
     return read_only(matrix, np.float64)

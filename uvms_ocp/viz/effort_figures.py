@@ -1,4 +1,4 @@
-"""Figures of what a motion cost: thrust, torque and energy, tracking and disturbance."""
+"""Figures of the effort of a motion: thrust, torque and energy, tracking and disturbance."""
 
 from __future__ import annotations
 
@@ -46,6 +46,7 @@ def figure_efforts(
 
 
 def _thrust(record: Record, axis: Axes) -> None:
+    """Draw the thrust of every thruster."""
     columns = tables.column_names("thrust", record["thrust"].shape[1], record.meta)
     names = [column.partition(".")[2] for column in columns]
     labels = label_texts(names, _LONGEST_NAME)
@@ -55,6 +56,7 @@ def _thrust(record: Record, axis: Axes) -> None:
 
 
 def _wrench(record: Record, axes: Sequence[Axes]) -> None:
+    """Draw the planned force and moment, a panel each."""
     part_columns = np.hsplit(record["wrench"], len(_PARTS))
     for axis, part, values in zip(axes, _PARTS, part_columns, strict=True):
         for color, name, column in zip(AXES_XYZ, "xyz", values.T, strict=True):
@@ -63,6 +65,7 @@ def _wrench(record: Record, axes: Sequence[Axes]) -> None:
 
 
 def _torque(record: Record, axis: Axes) -> None:
+    """Draw the torque of every joint."""
     labels = label_texts(axis_names(record, record["torque"].shape[1]), _LONGEST_NAME)
     for i, (label, torque) in enumerate(zip(labels, record["torque"].T, strict=True)):
         axis.plot(record["t"], torque, **line_style(i), lw=0.8, label=label)
@@ -70,6 +73,7 @@ def _torque(record: Record, axis: Axes) -> None:
 
 
 def _energy(record: Record, axis: Axes) -> None:
+    """Draw the energy that thrusters and joints have taken so far."""
     thrusters = record["thruster_energy"].sum(axis=1)
     unknown = " (not known)" if np.isnan(thrusters).any() else ""
     axis.plot(record["t"], thrusters, color=BLUE, label=f"thrusters{unknown}")
@@ -81,8 +85,8 @@ def _energy(record: Record, axis: Axes) -> None:
 def figure_tracking(
     record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
-    """Draw how well the vehicle follows its reference velocity, and the force that the observer
-    holds responsible.
+    """Draw the errors of the vehicle from its reference velocity, and the disturbing force that the
+    observer estimates.
     """
     if "disturbance" not in record.series or not has_vehicle(record):
         return None

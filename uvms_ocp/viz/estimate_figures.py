@@ -16,7 +16,7 @@ from uvms_ocp.viz.label_text import label_texts
 from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle
 from uvms_ocp.viz.time_spans import phase_spans
 
-_FITTING = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
+_FITTING = 98.0  # [%] share of ticks that fit into the axes; bands before first readings are huge
 _Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]
 """Label of an axis; of each line its name, colour, errors (n, lines) and standard deviations."""
 
@@ -44,15 +44,16 @@ def figure_estimate(
 
 
 def _panels(record: Record) -> list[_Panel]:
+    """Return the panels of position and attitude, where there is a vehicle, and of joints."""
     q = record["q"]
-    measured = record["q_estimated"]
+    estimated = record["q_estimated"]
     spread = record["q_std"]
     panels: list[_Panel] = []
     if has_vehicle(record):
         position = axis_label("position", "q", "position", "m")
         attitude = axis_label("attitude", "q_std", "attitude", "m")
-        place = 1e3 * (measured - q)[:, :3]
-        turn = 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
+        place = 1e3 * (estimated - q)[:, :3]
+        turn = 1e3 * _turns(q[:, 3:7], estimated[:, 3:7])
         panels = [
             (position, ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
             (attitude, ("roll", "pitch", "yaw"), AXES_XYZ, turn, 1e3 * spread[:, 3:6]),
@@ -76,16 +77,18 @@ def _panels(record: Record) -> list[_Panel]:
     return panels
 
 
-def _turns(true: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """Return (n, 3) [rad], the small rotation in B from the true attitude to the measured one;
-    quaternions (n, 4) xyzw.
+def _turns(true: np.ndarray, estimated: np.ndarray) -> np.ndarray:
+    """Return small rotations (n, 3) [rad] in B from true attitudes to estimated ones, quaternions
+    (n, 4) xyzw.
     """
-    v = true[:, :3]
-    w = true[:, 3:]
-    vm = measured[:, :3]
-    wm = measured[:, 3:]
-    vector = w * vm - wm * v - np.cross(v, vm)
-    scalar = w * wm + (v * vm).sum(axis=1, keepdims=True)
+    true_vector = true[:, :3]
+    true_scalar = true[:, 3:]
+    estimated_vector = estimated[:, :3]
+    estimated_scalar = estimated[:, 3:]
+    vector = true_scalar * estimated_vector - estimated_scalar * true_vector
+    vector = vector - np.cross(true_vector, estimated_vector)
+    scalar = true_scalar * estimated_scalar
+    scalar = scalar + (true_vector * estimated_vector).sum(axis=1, keepdims=True)
     return np.asarray(2.0 * np.sign(scalar) * vector)
 
 
@@ -97,6 +100,7 @@ def _draw(
     errors: np.ndarray,
     spreads: np.ndarray,
 ) -> None:
+    """Draw errors (n, lines) over time, each between its two standard deviations."""
     for i, (name, color) in enumerate(zip(names, colors, strict=True)):
         axis.plot(t, errors[:, i], color=color, lw=0.9, label=name)
         for sign in (-2.0, 2.0):

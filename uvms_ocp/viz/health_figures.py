@@ -55,11 +55,11 @@ def figure_health(
 
 def _alarm_lines(record: Record) -> list[str]:
     """Return the first alarms on channels, a line each."""
-    alarms = [
-        alarm
-        for alarm in record.run_meta.alarms
-        if alarm.text.partition(" ")[0] in record.run_meta.channels
-    ]
+    alarms = []
+    for alarm in record.run_meta.alarms:
+        channel, _, _ = alarm.text.partition(" ")
+        if channel in record.run_meta.channels:
+            alarms.append(alarm)
     lines = [label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MAX_ALARMS]]
     n_more = len(alarms) - len(lines)
     if n_more:

@@ -48,9 +48,10 @@ def threshold_text(record: Record, name: str, limit: float) -> str:
     which of them is the abort.
     """
     meta = record.meta
-    ended_phases = {
-        item.phase for item in meta.thresholds if item.quantity == name and item.limit == limit
-    }
+    ended_phases = set()
+    for item in meta.thresholds:
+        if item.quantity == name and item.limit == limit:
+            ended_phases.add(item.phase)
     phases = [phase.name for phase in meta.phases if phase.name in ended_phases]
     abort = meta.abort_phase if meta.kind == "run" else None
     names = []

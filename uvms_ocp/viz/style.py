@@ -1,8 +1,7 @@
-"""One look for all figures: settings of Matplotlib, figures that pyplot does not know, and their
-files.
+"""Style of all figures: settings of Matplotlib, figures that pyplot does not show, and their files.
 
-A figure is one of our own, drawn wholly in this look, or, with ``fig`` or ``ax``, part of one of
-the caller's, with the caller's fonts, sizes and papers. Colours are in `uvms_ocp.viz.colours`.
+A figure is made in this style, or, with ``fig`` or ``ax``, drawn into a figure of the caller's with
+the caller's fonts, sizes and papers. Colours are in `uvms_ocp.viz.colours`.
 """
 
 from __future__ import annotations
@@ -111,16 +110,16 @@ class RecordFigure(Figure):
         FigureCanvasAgg(self)
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw it in this style, in which ticks get their labels only now; letters that the font has not
-        become boxes.
+        """Draw the figure in this style, which the labels of ticks, made only now, need too; letters
+        that the font does not have become boxes.
         """
         with context(SETTINGS), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph .* missing from")
             super().draw(renderer)
 
     def savefig(self, *args: Any, **options: Any) -> None:
-        """Write a file as ``matplotlib.figure.Figure.savefig`` does, whatever the caller's style
-        says of files.
+        """Write a file as ``matplotlib.figure.Figure.savefig`` does, without the settings of the
+        caller's style for files.
         """
         with context(SETTINGS):
             super().savefig(*args, **options)

@@ -18,8 +18,11 @@ class PhaseSpan:
     """One stay in one phase."""
 
     index: int
+    """Position of the phase in the mission."""
     name: str
+    """Short name of the phase."""
     title: str
+    """Words beside the name."""
     start: float
     """Time at which it begins [s]."""
     end: float
@@ -41,14 +44,14 @@ class FaultSpan:
     end: float
     """Time at which it ends [s], no later than the record."""
     ended: bool
-    """True where it was over before the record was."""
+    """True where the fault ended before the record did."""
 
 
 @checked
 def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
-    """Return stays in phases in order of time; a phase that the mission went back to comes again.
+    """Return stays in phases in order of time; a phase that the mission goes back to has several.
 
-    Raises `InvalidInput` where there is nothing to draw.
+    Raises `InvalidInput` for a record without rows.
     """
     require_rows(record)
     t = record["t"]
@@ -72,7 +75,7 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
 
 
 def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
-    """Return faults of a run that began before its end; none of a plan."""
+    """Return the faults of a run that began before its end; a plan has none."""
     last = float(record["t"][-1])
     spans = list[FaultSpan]()
     for fault in getattr(record.meta, "faults", ()):
@@ -88,9 +91,10 @@ def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
 
 
 def intervals_of(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
-    """Yield stretches of equal codes (n,): where each begins, where the next one does, or the last
-    row, and its code.
+    """Yield stretches of equal codes (n,): row at which each begins, row at which the next one
+    begins or the last row of all, and the code.
     """
     starts = np.flatnonzero(np.diff(codes, prepend=-1))
-    for i, j in zip(starts, [*starts[1:], len(codes) - 1], strict=True):
-        yield int(i), int(j), int(codes[i])
+    ends = [*starts[1:], len(codes) - 1]
+    for start, end in zip(starts, ends, strict=True):
+        yield int(start), int(end), int(codes[start])

@@ -85,6 +85,7 @@ class _MjcfReader:
         self.n_unnamed = 0
 
     def _read_meshes(self, path: Path) -> dict[str, MeshAsset]:
+        """Read the meshes of the file by name; those without a file of their own are noted."""
         meshes = dict[str, MeshAsset]()
         folder = path.resolve().parent / self.compiler.mesh_folder
         for element in self.root.findall("asset/mesh"):
@@ -148,6 +149,7 @@ class _MjcfReader:
         return any(joint.get("name") in self.efforts for joint in body.iter("joint"))
 
     def _bodies_in(self, element: Element, X: pin.SE3) -> Iterator[tuple[Element, pin.SE3]]:
+        """Yield bodies in an element of pose X, with the pose of the frame that each stands in."""
         for child in element:
             if child.tag == "body":
                 yield child, X
@@ -159,7 +161,7 @@ class _MjcfReader:
         if body.find("freejoint") is not None:
             return True
         joints = body.findall("joint")
-        return any(self.defaults.attributes(j, None).get("type") == "free" for j in joints)
+        return any(self.defaults.attributes(joint, None).get("type") == "free" for joint in joints)
 
     def _add_body(
         self,
@@ -196,7 +198,9 @@ class _MjcfReader:
     def _content(
         self, element: Element, X: pin.SE3, childclass: str | None
     ) -> Iterator[tuple[Element, pin.SE3, str | None]]:
-        """Yield what stands in a body, that of a <frame> with its pose and class."""
+        """Yield the elements in a body with pose and class of the <frame> around each. Raises
+        `InvalidInput`.
+        """
         for child in element:
             if child.tag in _REFUSED:
                 raise InvalidInput(f"<{child.tag}> is not read; give the file that MuJoCo saves")
@@ -209,7 +213,7 @@ class _MjcfReader:
                 self.unread[child.tag] += 1
 
     def _geom(self, element: Element, X: pin.SE3, childclass: str | None) -> list[Geom]:
-        """Return the geom, none where its mesh is not in a file."""
+        """Return the geom of an element in a list, empty for kinds that are not read."""
         values = self.defaults.attributes(element, childclass)
         if "fluidshape" in values and values["fluidshape"] != "none":
             self.unread["fluidshape"] += 1
@@ -222,7 +226,7 @@ class _MjcfReader:
         ]
 
     def _inertia(self, body: Element, geoms: list[Geom], name: str) -> pin.Inertia:
-        """Return the inertia of a body in its frame, stated or of its geoms."""
+        """Return the inertia of a body in its frame: as stated, or else the sum of its geoms."""
         inertial = body.find("inertial")
         of_geoms = self.compiler.inertia_of_geoms
         if of_geoms != "true" and inertial is not None:
@@ -247,6 +251,7 @@ class _MjcfReader:
         return total
 
     def _stated_inertia(self, values: dict[str, str], name: str) -> pin.Inertia:
+        """Return the inertia that attributes of an <inertial> state, in the frame of the body."""
         mass = number(values, "mass", 0.0)
         if "fullinertia" in values:
             xx, yy, zz, xy, xz, yz = vector(values, "fullinertia", [0.0] * 6)
@@ -256,6 +261,7 @@ class _MjcfReader:
         return pose(values, self.compiler).act(pin.Inertia(mass, np.zeros(3), moments))
 
     def _add_geoms(self, writer: UrdfWriter, link: Element, geoms: list[Geom]) -> None:
+        """Add geoms to a link as visual and collision shapes."""
         for geom in geoms:
             shape = geom.shape()
             if shape is None:
@@ -326,13 +332,14 @@ class _MjcfReader:
                 X_before = X_JC
 
     def _position(self, values: dict[str, str], key: str, default: float, kind: str) -> float:
+        """Read a position of a joint [rad or m]."""
         value = number(values, key, default)
         if kind == "hinge":
             return self.compiler.angle(value)
         return value
 
     def _joint(self, values: dict[str, str], name: str, kind: str) -> WrittenJoint:
-        """Return a joint between no links yet, in no frames."""
+        """Return a joint with all but its links, frames and axis."""
         lower = -np.inf
         upper = np.inf
         stated = values.get("limited", "auto")
@@ -386,6 +393,7 @@ class _MjcfReader:
             writer.add_block(_thruster_block(force, link))
 
     def _note_unread(self) -> None:
+        """Note the content of the file that has no place in a URDF."""
         for element in self.root:
             if element.tag not in _SECTIONS | _SECTIONS_WITHOUT_EFFECT:
                 self.unread[element.tag] += 1
@@ -394,7 +402,9 @@ class _MjcfReader:
         if option is not None and (option.get("density") or option.get("viscosity")):
             self.unread["option density, viscosity"] += 1
         if self.unread:
-            counted = [tag if n == 1 else f"{tag} ({n} times)" for tag, n in self.unread.items()]
+            counted = []
+            for tag, n in self.unread.items():
+                counted.append(tag if n == 1 else f"{tag} ({n} times)")
             self.findings.notes.append(f"not read of MJCF: {', '.join(counted)}")
         if self.armatures:
             self.findings.notes.append(

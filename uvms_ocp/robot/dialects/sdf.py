@@ -268,9 +268,9 @@ class _SdfReader:
         for block in self.blocks:
             writer.add_block(block)
         if self.unread:
-            counted = [
-                f"<{tag}>" if n == 1 else f"<{tag}> ({n} times)" for tag, n in self.unread.items()
-            ]
+            counted = []
+            for tag, n in self.unread.items():
+                counted.append(f"<{tag}>" if n == 1 else f"<{tag}> ({n} times)")
             self.findings.notes.append(f"not read of SDF: {', '.join(counted)}")
         return writer.root
 

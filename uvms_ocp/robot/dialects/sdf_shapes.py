@@ -15,13 +15,13 @@ from uvms_ocp.robot.dialects.urdf_writer import UrdfWriter, WrittenShape, words
 from uvms_ocp.robot.urdf_elements import DRAWN, Element, quoted, to_float, to_floats
 from uvms_ocp.robot.urdf_findings import Findings
 
-_WATER = 1000.0  # [kg/m3] of shapes with <inertial auto="true">
+_WATER = 1000.0  # [kg/m3] default density of shapes with <inertial auto="true">
 _FILES = ("package://", "model://", "file://", "/")
 
 
 def read_inertia(findings: Findings, link: Element, name: str) -> pin.Inertia:
-    """Return the inertia of a link in its frame: stated, of its shapes, or 1 kg and 1 kg m2 as SDF
-    has it. Raises `InvalidInput`.
+    """Return the inertia of a link in its frame: as stated, the sum of its shapes, or 1 kg and
+    1 kg m2, the default of SDF. Raises `InvalidInput`.
     """
     where = f"link {quoted(name)}"
     inertial = link.find("inertial")
@@ -45,6 +45,7 @@ def read_inertia(findings: Findings, link: Element, name: str) -> pin.Inertia:
 
 
 def _number(element: Element, tag: str, default: float, where: str) -> float:
+    """Read the number in a child of an element. Raises `InvalidInput`."""
     text = element.findtext(tag)
     if text is None:
         return default
@@ -57,6 +58,7 @@ def _number(element: Element, tag: str, default: float, where: str) -> float:
 def _inertia_of_shapes(
     findings: Findings, link: Element, inertial: Element, where: str
 ) -> pin.Inertia:
+    """Sum up the inertia of all collision shapes of a link; shapes without one are faults."""
     total = pin.Inertia.Zero()
     density_of_link = _number(inertial, "density", _WATER, where)
     for collision in link.findall("collision"):
@@ -75,7 +77,9 @@ def _inertia_of_shapes(
 
 
 def _solid(shape: Element, density: float, where: str) -> pin.Inertia | None:
-    """Return the inertia of a shape of a density [kg/m3]; `None` of one that has no volume here."""
+    """Return the inertia of a shape of a density [kg/m3]; `None` for kinds whose volume is not
+    computed.
+    """
     if shape.tag == "box":
         return solids.box_inertia(density, _vector(shape, "size", where))
     if shape.tag == "ellipsoid":
@@ -92,6 +96,7 @@ def _solid(shape: Element, density: float, where: str) -> pin.Inertia | None:
 
 
 def _vector(element: Element, tag: str, where: str, default: str = "1 1 1") -> np.ndarray:
+    """Read the three numbers in a child of an element. Raises `InvalidInput`."""
     text = " ".join(element.findtext(tag, default).split())
     values = np.array(to_floats(text))
     if values.size != 3 or not np.isfinite(values).all():
@@ -102,7 +107,7 @@ def _vector(element: Element, tag: str, where: str, default: str = "1 1 1") -> n
 def add_shapes(
     findings: Findings, writer: UrdfWriter, target: Element, link: Element, folder: Path
 ) -> None:
-    """Add the shapes of a link. Raises `InvalidInput`. folder: what meshes are relative to."""
+    """Add the shapes of a link. folder: meshes are relative to it. Raises `InvalidInput`."""
     for kind in DRAWN:
         for element in link.findall(kind):
             where = f"link {quoted(target.get('name', ''))} {kind}"
@@ -116,7 +121,7 @@ def add_shapes(
 def _written(
     findings: Findings, shape: Element, where: str, folder: Path
 ) -> Iterator[WrittenShape]:
-    """Yield the shape in words of a URDF; none for what it does not have, which is noted."""
+    """Yield the shape as URDF has it; nothing for shapes that URDF does not have, which are noted."""
     if shape.tag == "box":
         size = _vector(shape, "size", where)
         yield WrittenShape(tag="box", attributes={"size": words(size)})

@@ -39,11 +39,11 @@ class CollisionModel:
     """Every shape of a robot against every obstacle, and its links against each other.
 
     Pairs of links that are neighbours, or overlap in the stowed posture, touch by design and are
-    left out. Spheres, capsules, cylinders and boxes are measured in machine code, other shapes, and
-    all where there is no compiler, by coal: the same to 1e-6 m while they are apart. Of shapes that
-    overlap coal tells some depth, machine code the smallest; a depth that coal does not find is
-    taken for a distance of 0. Closed triangle meshes are solids, open ones surfaces. Holds working
-    memory: not for two threads at once.
+    left out. Spheres, capsules, cylinders and boxes are measured in machine code; other shapes, and
+    all where there is no compiler, by coal. Both agree to 1e-6 m while shapes are apart. Where
+    shapes overlap, machine code gives the smallest depth, coal any depth; one that coal does not
+    find counts as a distance of 0. Closed triangle meshes are solids, open ones surfaces. Holds
+    working memory: not for two threads at once.
     """
 
     def __init__(
@@ -144,7 +144,9 @@ class CollisionModel:
     def _shared(
         self, pairs: Sequence[int] | np.ndarray | None
     ) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
-        """Yield each engine with the rows of `pairs` that it measures, and their indices there."""
+        """Yield each engine with the rows of `pairs` that it measures and the engine's own indices
+        of those pairs.
+        """
         for engine, places in self._engines:
             if pairs is not None:
                 places = places[np.asarray(pairs, dtype=int)]
@@ -159,7 +161,9 @@ class CollisionModel:
 def _engines(
     model: pin.Model, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]
 ) -> list[tuple[_Engine, np.ndarray]]:
-    """Return what measures the pairs, and the index (n_pairs,) there of each, -1 of others."""
+    """Return the engines that measure the pairs, each with its own index (n_pairs,) of every pair,
+    -1 for pairs that it does not measure.
+    """
     shapes = geometry.geometryObjects
     has_kernel = [distance_kernels.has_kernel(shape.geometry) for shape in shapes]
     in_machine_code = np.array([has_kernel[a] and has_kernel[b] for a, b in pairs], dtype=bool)
@@ -178,15 +182,15 @@ def _engines(
 
 
 def _counted(chosen: np.ndarray) -> np.ndarray:
-    """Return the number (n,) of each that is chosen (n,) among them, -1 of others."""
+    """Number the chosen (n,) from 0; -1 for those that are not chosen."""
     return np.where(chosen, np.cumsum(chosen) - 1, -1)
 
 
 def _pair_reach(
     robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]
 ) -> np.ndarray:
-    """Return (n_v,) [-, m], the largest over all pairs; an axis that carries both shapes of a pair
-    alike does not change its distance.
+    """Compute `CollisionModel.reach`; an axis that carries both shapes of a pair alike does not
+    change their distance.
     """
     reaches = [kinematics.shape_reach(robot, shape) for shape in geometry.geometryObjects]
     leading = [robot.joint(name).idx_v for name in robot.leading_joints]
@@ -203,7 +207,9 @@ def _pair_reach(
 
 
 def _checked_names(links: Sequence[str] | None, names: Sequence[str]) -> Sequence[str]:
-    """Return the names of shapes, by default all. Raises `InvalidInput` for others."""
+    """Return the names in links, or all where that is `None`. Raises `InvalidInput` for unknown
+    ones.
+    """
     unknown = sorted(set(links or ()) - set(names))
     if unknown:
         raise InvalidInput(f"shapes {unknown} to check for collision; allowed: {', '.join(names)}")
@@ -211,9 +217,7 @@ def _checked_names(links: Sequence[str] | None, names: Sequence[str]) -> Sequenc
 
 
 def in_c(model: CollisionModel, robot: Robot | None) -> bool:
-    """Check whether kernels measure the pairs of a model: all of them have machine code, and are on
-    this robot.
-    """
+    """Check whether machine code measures all pairs of a model, which must be on this robot."""
     return robot is not None and not model.by_coal and model.is_of(robot)
 
 

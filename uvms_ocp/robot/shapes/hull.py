@@ -75,6 +75,8 @@ def lowest_point(robot: Robot, slope: float = 0.0, altimeter: str | None = None)
     heights = [point[2] for point in points]
     if altimeter is not None and robot.has_frame(altimeter):
         _, centre = kinematics.pose(altimeter)
-        heights = [point[2] + slope * ca.norm_2(point[:2] - centre[:2]) for point in points]
+        heights = []
+        for point in points:
+            heights.append(point[2] + slope * ca.norm_2(point[:2] - centre[:2]))
     lowest = ca.densify(ca.mmin(ca.vertcat(ca.inf, *heights)))
     return ca.Function("lowest_point", [q], [lowest], {"cse": True})

@@ -464,5 +464,7 @@ def _thrusters(robot: Robot) -> RobotFinding:
     text = f"{matrix.shape[1]} thrusters, rank {rank}, singular values {values_text}"
     if rank == 6:
         return _good("thrusters", text)
-    lost = [thrusters.AXES[int(np.argmax(np.abs(column)))] for column in U.T[rank:]]
+    lost = []
+    for column in U.T[rank:]:
+        lost.append(thrusters.AXES[int(np.argmax(np.abs(column)))])
     return _warning("thrusters", f"{text}; under-actuated mainly in {', '.join(lost)}")

@@ -156,7 +156,10 @@ def _check_free_turn(axis: int, motion: np.ndarray) -> Iterator[Finding]:
 
     motion: (6,) free motion of the vehicle with a unit of that turn.
     """
-    coupled = {AXES[k]: abs(float(motion[k])) for k in range(_LINEAR, 6) if k != axis}
+    coupled = {}
+    for k in range(_LINEAR, 6):
+        if k != axis:
+            coupled[AXES[k]] = abs(float(motion[k]))
     largest = max(coupled, key=lambda name: coupled[name])
     if axis == _YAW:
         reason = "and nothing rights it: the vehicle turns as it likes"

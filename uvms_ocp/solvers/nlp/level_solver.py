@@ -1,4 +1,4 @@
-"""Solve one NLP of a lexicographic program, built once with a cold and a warm start; report
+"""Solve one level of a lexicographic program, an NLP, by IPOPT from cold or warm starts; report
 progress and stop on request.
 """
 
@@ -23,13 +23,13 @@ from uvms_ocp.solvers.nlp.program import (
 )
 from uvms_ocp.solvers.nlp.solve_monitor import BestIterate, IterationReport, SolveMonitor
 
-# Multiples of the tolerance up to which a level counts as solved to reduced accuracy.
+# Error, in multiples of the tolerance, up to which a level counts as solved to reduced accuracy.
 _REDUCED_ACCURACY = 1e3
-# Share of the violation of usable points by which equations give way that are more than variables.
+# Slack of equations, where there are more of them than variables, as a share of the violation that
+# usable points may have.
 _SLACK_SHARE = 0.1
-_STEEP_GRADIENT = (
-    100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
-)
+# Gradients larger than this scale errors down: their last digits are rounding.
+_STEEP_GRADIENT = 100.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -59,9 +59,9 @@ class NlpOutcome:
     iterations: int
     """Iterations of the NLP solver."""
     violation: float
-    """Largest, of scaled rows."""
+    """Largest violation of a scaled row."""
     usable: bool = False
-    """True if that is within `NlpOptions.feasibility`."""
+    """True if the violation is within `NlpOptions.feasibility`."""
     cost: float = np.inf
     """Cost of the level at the point."""
 
@@ -96,8 +96,8 @@ class NlpLinearization:
 
 
 class OptimalityConditions:
-    """Conditions of first order of one NLP, looked at without its solver: IPOPT scales its own by
-    the gradient at the start, and calls it an end where its steps become too small.
+    """First-order optimality conditions of one NLP, computed apart from IPOPT, which scales its own
+    by the gradient at the start, and also ends where its steps become too small.
     """
 
     def __init__(self, nlp: LevelNlp) -> None:
@@ -112,8 +112,8 @@ class OptimalityConditions:
         self._jacobian = ca.Function("jacobian", [x, p], [g, ca.jacobian(g, x)])
 
     def linearized(self, x: np.ndarray, p: np.ndarray) -> NlpLinearization:
-        """Linearize at x (n_x,) [unit of x]: cost and rows that IPOPT returns belong to no point
-        where it stops early.
+        """Linearize at x (n_x,) [unit of x]; the cost and rows that IPOPT returns are not those of
+        its x where it stops early.
         """
         cost, gradient = self._gradient(x, p)
         rows, jacobian = self._jacobian(x, p)
@@ -126,35 +126,35 @@ class OptimalityConditions:
 
     def error(self, point: NlpPoint, linear: NlpLinearization, bounds: RowBounds) -> float:
         """Return the largest entry [1/unit of x] of the gradient of the Lagrangian, or product of a
-        multiplier with what is left to its bound, in units of the steepest cost at the point above
+        multiplier with the distance from its bound, scaled down where the cost is steeper than
         `_STEEP_GRADIENT`; linear: the NLP at the point.
         """
         assert point.x_multipliers is not None
         assert point.row_multipliers is not None
         y = point.row_multipliers[self._rows]
-        pulled = np.array(linear.jacobian.T @ y).ravel()
-        slope = linear.gradient + pulled + point.x_multipliers
+        rows_gradient = np.array(linear.jacobian.T @ y).ravel()
+        slope = linear.gradient + rows_gradient + point.x_multipliers
         lower = bounds.lower[self._rows]
         upper = bounds.upper[self._rows]
         complementarity = max(
-            _left(y, linear.rows, lower, upper),
-            _left(point.x_multipliers, point.x, bounds.x_lower, bounds.x_upper),
+            _complementarity(y, linear.rows, lower, upper),
+            _complementarity(point.x_multipliers, point.x, bounds.x_lower, bounds.x_upper),
         )
         scale = max(1.0, float(np.abs(linear.gradient).max(initial=0.0)) / _STEEP_GRADIENT)
         return max(float(np.abs(slope).max(initial=0.0)), complementarity) / scale
 
 
-def _left(y: np.ndarray, value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """Return the largest product of a multiplier and the distance from its bound; infinite bounds
-    have none.
-    """
-    room = np.abs(np.where(y > 0.0, upper, lower) - value)
-    pulls = np.flatnonzero(y)
-    return float(np.abs(y[pulls] * room[pulls]).max(initial=0.0))
+def _complementarity(
+    y: np.ndarray, value: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> float:
+    """Return the largest product of a multiplier that is not 0 and the distance from its bound."""
+    gap = np.abs(np.where(y > 0.0, upper, lower) - value)
+    active = np.flatnonzero(y)
+    return float(np.abs(y[active] * gap[active]).max(initial=0.0))
 
 
 class LevelSolver:
-    """The NLP of one level."""
+    """Solver of the NLP of one level."""
 
     def __init__(
         self,
@@ -177,7 +177,7 @@ class LevelSolver:
         )
 
     def fits(self, point: NlpPoint) -> bool:
-        """True for a start with as many variables and rows as this program has."""
+        """Check for a start with as many variables and rows as this program has."""
         if point.row_multipliers is None:
             n_rows = self._n_rows
         else:
@@ -201,16 +201,14 @@ class LevelSolver:
         return self._solved(start, p, bounds, bounds.widened(slack))
 
     def _has_more_equations_than_variables(self, bounds: RowBounds) -> bool:
-        """Check for an NLP that IPOPT does not take: some equations repeat others, or contradict
-        them.
-        """
+        """Check for an NLP that IPOPT refuses: some of its equations repeat or contradict others."""
         rows = self._nlp.rows
         n_equations = np.count_nonzero(bounds.lower[rows] == bounds.upper[rows])
         return bool(n_equations > self._nlp.nlp["x"].numel())
 
     def _evaluated(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> NlpOutcome:
-        """Judge the start itself, where it keeps all rows by the multipliers that its equations
-        have there by least squares.
+        """Judge the start itself as a solution; where it keeps all rows, with multipliers of the
+        equations by least squares.
         """
         rows = self._nlp.rows
         linear = self._conditions.linearized(start.x, p)
@@ -236,7 +234,7 @@ class LevelSolver:
     def _solved(
         self, start: NlpPoint, p: np.ndarray, bounds: RowBounds, ipopt_bounds: RowBounds
     ) -> NlpOutcome:
-        """Solve within `ipopt_bounds`; what comes of it is measured by `bounds`."""
+        """Solve within `ipopt_bounds`, and measure the violation of the result by `bounds`."""
         rows = self._nlp.rows
         solver = self._warm if start.warm else self._cold
         best = self._stop.best = BestIterate(bounds, rows, self._options.feasibility)
@@ -320,8 +318,8 @@ class LevelSolver:
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
-    """Callback of the NLP solver after each iteration: not 0, which stops it, once the deadline is
-    over or the monitor wants no more.
+    """Callback of IPOPT after each iteration; returns 1, which stops it, once the deadline is over or
+    the monitor asks to stop.
     """
 
     def __init__(self, nlp: LevelNlp, name: str, deadline: Deadline, watch: SolveMonitor) -> None:

@@ -1,10 +1,9 @@
-"""Solve a QP of stages as one sparse QP by the proximal interior point PIQP: the oracle of the
-solver in C, and in its place where there is no compiler.
+"""Solve a QP of stages as one sparse QP by PIQP, a proximal interior point method: the oracle of the
+solver in C, which it replaces where there is no compiler.
 
-The variables are z, stage after stage, and two slacks e >= 0 for every row that may be missed,
-which cost ``l1 e + l2 e^2 / 2``. What a run ends with is judged by the optimality conditions,
-whatever the solver says of itself; it counts as one iteration, as PIQP does not tell how many it
-took.
+The variables are z, stage after stage, and two slacks e >= 0 for every row that may be violated,
+which cost ``l1 e + l2 e^2 / 2``. Results are judged by the optimality conditions, not by the status
+of PIQP. A run counts as one iteration, as PIQP does not tell how many it took.
 """
 
 from __future__ import annotations
@@ -23,18 +22,18 @@ from uvms_ocp.types import Array, Indices, Mask
 _PLUGIN = "piqp"
 _ACCURACIES = ("abs", "rel", "duality_gap_abs", "duality_gap_rel")
 _SHARPER = 1e3
-"""Factor by which PIQP is asked for more than the tolerance: a bound that only just binds is missed
-by the root of it.
+"""Factor by which the accuracy of PIQP is sharper than the tolerance: a bound that barely binds is
+missed by the root of its accuracy.
 """
 _REGULARIZATIONS = (1e-7, 1e-10)
-"""Regularizations of the KKT matrix, tried one after the other: with less its factors are noise
-over long horizons, with more rows that depend on each other keep steps short.
+"""Least regularizations of the KKT matrix, tried in turn: a small one lets its factors be noise over
+long horizons, a large one keeps steps short where rows depend on each other.
 """
 
 
 class _SparseQp(NamedTuple):
-    """Min ``1/2 x' H x + g' x`` with ``lba <= A x <= uba`` and ``lbx <= x <= ubx``, by their names
-    in CasADi.
+    """QP to minimise ``1/2 x' H x + g' x`` with ``lba <= A x <= uba`` and ``lbx <= x <= ubx``; the
+    fields are CasADi's names.
     """
 
     h: ca.DM
@@ -67,8 +66,8 @@ class SparseCore:
         options: problem.StageQpOptions,
         warm_start: problem.WarmStart | None,
     ) -> problem.FlatSolution:
-        """Solve from nothing but the QP, or from z of a QP nearby; NOT_A_NUMBER where entries are
-        none.
+        """Solve from a point at rest, or from z of a warm start; NOT_A_NUMBER where entries of the QP
+        are not finite.
         """
         table = problem.row_table(qp)
         if not problem.is_valid(qp):
@@ -85,9 +84,7 @@ class SparseCore:
         *,
         phase_one: bool,
     ) -> problem.FlatSolution:
-        """Run from z (n,) [unit of z] with the rows of a table, without the cost in phase one; PIQP
-        damps all its steps.
-        """
+        """Run PIQP from z (n,) [unit of z] with the rows of a table; phase_one: without the cost."""
         Q, q = _cost(qp, costless=phase_one)
         if not self._is_convex(qp, table, Q):
             return self._unsolved(qp, table, problem.StageQpStatus.NOT_CONVEX)
@@ -153,7 +150,7 @@ class SparseCore:
             kkt.primal / variable,
             kkt.complementarity / (gradient * variable),
         )
-        # Where there is no point multipliers grow without end, and all else is small beside them.
+        # Without a feasible point multipliers grow without end, and residuals are small beside them.
         smallest_gradient = max(np.abs(sparse.g).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
         if gradient > tolerances.HOPELESS * smallest_gradient:
             worst = np.inf
@@ -172,6 +169,7 @@ class SparseCore:
     def _unsolved(
         self, qp: problem.StageQp, table: problem.RowTable, status: problem.StageQpStatus
     ) -> problem.FlatSolution:
+        """Return the point at rest with the status of a QP that was not solved."""
         z = table.rest(qp)
         n_rows = len(table.norm)
         costate = np.zeros(sum(self._shape.n_x))
@@ -189,6 +187,7 @@ class SparseCore:
         )
 
     def _ended(self, qp: problem.StageQp, z: Array, **fields: Any) -> problem.FlatSolution:
+        """Return the solution z with these other fields."""
         return problem.FlatSolution(z=z, shape=self._shape, products=self.products(qp, z), **fields)
 
     def _assembled(
@@ -224,7 +223,7 @@ class SparseCore:
         endless = [[-np.inf], [np.inf]]
         inequalities = np.where(table.side, table.bound, endless)
         lower, upper = np.where(table.equal, table.target, inequalities)
-        # Between two bounds that are one there is no interior: what is fixed is a row.
+        # Between equal bounds there is no interior: fixed variables become rows.
         is_row = soft[m:] | table.fixed
         z_lower, z_upper = np.where(is_row, endless, [lower[m:], upper[m:]])
         fixed_values = qp.flat["z_lower"][table.fixed]
@@ -243,7 +242,7 @@ class SparseCore:
     def _solved(
         self, sparse: _SparseQp, z: Array, options: problem.StageQpOptions, regularization: float
     ) -> tuple[tuple[Array, ...], bool]:
-        """Return x, the multipliers of A x and of x, zeros where any of these is no number; and
+        """Return x and the multipliers of A x and of x, all zeros where a number is not finite; and
         whether PIQP finds the QP infeasible.
         """
         solver = self._solver(sparse, options, regularization)
@@ -258,7 +257,7 @@ class SparseCore:
     def _solver(
         self, sparse: _SparseQp, options: problem.StageQpOptions, regularization: float
     ) -> ca.Function:
-        """Return the solver of a sparsity and these options, made once."""
+        """Return the solver for the sparsity of a QP and these options; each is made once."""
         H = sparse.h.sparsity()
         A = sparse.a.sparsity()
         sparsity = (H.nnz(), *A.row(), *A.colind())
@@ -274,8 +273,8 @@ class SparseCore:
         return self._solvers[key]
 
     def _is_convex(self, qp: problem.StageQp, table: problem.RowTable, Q: list[Array]) -> bool:
-        """Check by a Riccati recursion whether the cost bends upwards along the dynamics and all
-        equalities.
+        """Check by a Riccati recursion whether the cost is convex where dynamics and equalities
+        hold.
         """
         if not qp.flat["H"].any() and (qp.flat["damping"] >= 0.0).all():
             return True
@@ -305,8 +304,8 @@ class SparseCore:
         return True
 
     def stationarity(self, qp: problem.StageQp, warm_start: problem.WarmStart) -> float:
-        """Return the largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the
-        multipliers of another, but for what is fixed.
+        """Return the largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0, with the
+        multipliers of a warm start and without fixed variables.
         """
         _, gradient = _cost(qp)
         m = len(qp.flat["lower"])
@@ -345,8 +344,8 @@ class SparseCore:
 
 
 def _cost(qp: problem.StageQp, *, costless: bool = False) -> tuple[list[Array], Array]:
-    """Return the Hessian of every stage and the gradient (n,) at 0; next to no curvature, and
-    nothing else, for ``costless``.
+    """Return the Hessian of every stage and the gradient (n,) at 0; costless: a tiny curvature and
+    no gradient.
     """
     n_z = qp.shape.n_z
     if costless:
@@ -359,7 +358,7 @@ def _cost(qp: problem.StageQp, *, costless: bool = False) -> tuple[list[Array], 
 
 
 def _next_states(shape: problem.StageShape) -> ca.DM:
-    """Return the matrix (sum of n_x but of the first, n) that picks the states of all stages but
+    """Return the matrix (sum of n_x without the first, n) that picks the states of all stages after
     the first from z.
     """
     first = problem.offsets(shape.n_z)
@@ -371,6 +370,7 @@ def _next_states(shape: problem.StageShape) -> ca.DM:
 
 
 def _block_diagonal(blocks: Sequence[Array]) -> ca.DM:
+    """Return a block diagonal matrix."""
     return ca.diagcat(*[ca.DM(block) for block in blocks])
 
 

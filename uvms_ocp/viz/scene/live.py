@@ -1,9 +1,9 @@
 """Show a run in the browser while it goes on: the loop publishes the newest state, browsers fetch
 it frame by frame.
 
-A tick pays one assignment, and the wait that keeps the run to the clock. Frames are made by the
-threads of those who look, of whatever is the newest then: slow ones miss some, and none waits for
-them.
+A tick costs one assignment, and the wait that keeps the run to the clock. Each browser is served by
+a thread that makes frames of the newest state: a slow browser misses some, and the run never waits
+for it.
 """
 
 from __future__ import annotations
@@ -34,23 +34,21 @@ from uvms_ocp.viz.scene.details import legend, page_details, readout
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, asset, build_page
 from uvms_ocp.viz.scene.page_server import served
 
-# The page of a run that goes on: the scene as the run begins, and what the page's script needs to
-# move it.
-
-_FPS = 1.0  # [Hz] of the frames of the beginning, of which the first is shown
-
-# [Hz] of frames, by the clock on the wall, and of those that a notebook takes of a run
-_FRAME_RATE = 25.0
-_NOTEBOOK_RATE = 10.0
-_DIGITS = 7  # more than the 32-bit floats of the page hold
+_FPS = 1.0  # [Hz] rate of frames at the beginning of the run, of which the first is shown
+_FRAME_RATE = 25.0  # [Hz] most frames per second of the wall clock
+_NOTEBOOK_RATE = 10.0  # [Hz] most frames per second of a run in a notebook
+_DIGITS = 7  # significant digits of poses, more than the 32-bit floats of the page hold
 
 _Moment = tuple[float, State, Command]
 """Time [s], true state and command of a tick."""
 
 
 def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
-    """Return the page of a live view; record: how a run of `robot` begins. height [px] of its frame
-    in a notebook. Raises `InvalidInput` as `show`.
+    """Return the page of a live view: the scene at the start of the run, and the data with which the
+    page's script moves it.
+
+    record: beginning of a run of `robot`. height [px]: of its frame in a notebook. Raises
+    `InvalidInput` as `show`.
     """
     animation.require_fit(record, robot)
     frames = animation.frames_of(record, robot, _FPS)
@@ -60,22 +58,22 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
     surroundings.draw_goals(root["goals"], record)
     surroundings.draw_obstacles(root["obstacles"], record)
     log.animate({})
-    nodes = [
-        ["meshcat", "scene", "robot", animation.joint_node(robot.model, j)]
-        for j in range(1, robot.model.njoints)
-    ]
-    phases = [
-        {"name": p.name, "title": p.title, "tasks": list(p.tasks), "start": 0.0}
-        for p in record.meta.phases
-    ]
+    nodes = []
+    for joint in range(1, robot.model.njoints):
+        nodes.append(["meshcat", "scene", "robot", animation.joint_node(robot.model, joint)])
+    phases = []
+    for phase in record.meta.phases:
+        tasks = list(phase.tasks)
+        phases.append({"name": phase.name, "title": phase.title, "tasks": tasks, "start": 0.0})
+    readouts = []
+    for name in record.meta.quantities:
+        readouts.append(readout(name, np.full(1, np.nan), record.meta))
     details = page_details(record, robot, frames, centre) | {
         "duration": 0.0,
         "speeds": (),
         "annotations": ["goals"],
         "legend": legend(record, [], [], beam=False),
-        "readouts": [
-            readout(name, np.full(1, np.nan), record.meta) for name in record.meta.quantities
-        ],
+        "readouts": readouts,
         "live": {"nodes": nodes, "phases": phases},
     }
     return build_page(
@@ -85,10 +83,6 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
         height=height,
         live=True,
     )
-
-
-# A run to look at while it goes on: the loop hands over the newest state, and whoever looks fetches
-# it, frame by frame.
 
 
 class LiveView(AbstractContextManager["LiveView"]):
@@ -106,8 +100,8 @@ class LiveView(AbstractContextManager["LiveView"]):
         speed: float,
         port: int,
     ) -> None:
-        """q (n_q,) [m, rad] and goal X_WT: as `page` shows them at first. speed: times that of the
-        clock. port: 0 for any that is free.
+        """q (n_q,) [m, rad] and goal X_WT: as `page` shows them at first. speed: of the run, in
+        multiples of the clock's. port: 0 for any that is free.
 
         Raises `OutputError` for a port that is taken.
         """
@@ -119,20 +113,23 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._page = page
         self._speed = speed
         self._shown: Any = None
-        """Output of the notebook's that shows each next frame, by IPython."""
+        """IPython's handle of the output in a notebook that shows frames; `None` for none."""
         self._now: _Moment | np.ndarray = q
+        """Newest tick of a run, or configuration (n_q,) [m, rad]."""
         self._data = robot.model.createData()
         self._name = ""
-        self._due = self._began = (
-            0.0  # [s] on the clock: of the next frame in a notebook, and at which the run was at 0
-        )
+        """Name of the page's frame in a notebook."""
+        self._due = 0.0
+        """[s] time on the clock of the next frame in a notebook."""
+        self._began = 0.0
+        """[s] time on the clock at which the run was at 0."""
         self._closed = Event()
         self._stack = ExitStack()
         self.address = self._stack.enter_context(served(page, port, self.frames))
-        """For a browser of this machine."""
+        """Address of the page for browsers of this machine."""
 
     def __call__(self, t: float, state: State, command: Command) -> None:
-        """Take the newest tick, at t [s]; returns when the clock has come there, too."""
+        """Take the newest tick, at t [s]; returns once the clock has reached t too."""
         if isinstance(self._now, np.ndarray) or t < self._now[0]:
             self._began = time.monotonic() - t / self._speed
         self._now = (t, state, command)
@@ -144,22 +141,23 @@ class LiveView(AbstractContextManager["LiveView"]):
 
     @property
     def q(self) -> np.ndarray:
-        """Configuration (n_q,) [m, rad] that is shown: of the newest tick, of `display`, or as it
-        was dragged in a notebook.
+        """Configuration (n_q,) [m, rad] that is shown: of the newest tick, of `display`, or from
+        dragging in a notebook.
         """
         if isinstance(self._now, np.ndarray):
             return self._now
         return self._now[1].q
 
     def display(self, q: ArrayLike) -> None:
-        """Show the robot in q (n_q,) [m, rad]: for a loop of one's own, which comes to 25 pictures
-        a second at most.
+        """Show the robot in q (n_q,) [m, rad], from a loop of one's own; waits so that there are at
+        most 25 pictures a second.
         """
         self._now = self._robot.check_configuration(q)
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._hand_on(1.0 / _FRAME_RATE)
 
     def _hand_on(self, pause: float) -> None:
+        """Send a frame to the notebook; the next one is due after a pause [s]."""
         self._due = time.monotonic() + pause
         if self._shown is not None:
             frame = json.dumps(_frame(self._robot, self._data, self._now), allow_nan=False)
@@ -169,8 +167,8 @@ class LiveView(AbstractContextManager["LiveView"]):
             self._shown.update({"application/javascript": script}, raw=True)
 
     def frames(self) -> Iterator[str]:
-        """Yield the messages to a browser as JSON: one after the other as they come, the last one
-        too, until all is closed.
+        """Yield frames for one browser as JSON, as they come, the last one too, until the view is
+        closed.
         """
         data = self._robot.model.createData()
         sent_moment = self._now
@@ -182,7 +180,7 @@ class LiveView(AbstractContextManager["LiveView"]):
                 yield json.dumps(_frame(self._robot, data, sent_moment), allow_nan=False)
 
     def close(self) -> None:
-        """Serve no longer; pages that are open keep what they show."""
+        """Stop serving; open pages keep their last frame."""
         self._closed.set()
         self._stack.close()
 
@@ -198,8 +196,8 @@ class LiveView(AbstractContextManager["LiveView"]):
         return f"LiveView({self.address})"
 
     def _ipython_display_(self) -> None:
-        """Show the page, and from then on every tick, by the notebook's own channel: the kernel may
-        be on another machine.
+        """Show the page, and later ticks, through the notebook's own channel: the kernel may be on
+        another machine.
         """
         from IPython.display import display
 
@@ -213,33 +211,29 @@ class LiveView(AbstractContextManager["LiveView"]):
         if find_spec("ipywidgets"):
             from ipywidgets import Text
 
-            heard = Text(
-                layout={"display": "none"}
-            )  # a script of the notebook's page writes there what was dragged
-            heard.add_class(self._name).observe(
+            # A script of the notebook's page writes the dragged configuration into this text.
+            dragged = Text(layout={"display": "none"})
+            dragged.add_class(self._name).observe(
                 lambda change: self._take(json.loads(change["new"])), "value"
             )
-            display(heard)
+            display(dragged)
 
     def _take(self, dragged: Mapping[str, Any]) -> None:
+        """Take configuration and goal that were dragged in a notebook."""
         self._now = self._robot.configuration(**dragged["q"])
         self.goal = pin.XYZQUATToSE3(np.array(dragged["goal"]))
         self.on_change(self)
 
 
 def _frame(robot: Robot, data: pin.Data, moment: _Moment | np.ndarray) -> dict[str, Any]:
-    """Return JSON values: time, a pose for each joint of the model, and what the controller tells
-    of phase and quantities.
-
-    The values of the sliders alone where there is nothing but q (n_q,) [m, rad].
+    """Return a frame as JSON values: of a tick its time, a pose for each joint of the model, phase
+    and quantities; of a configuration (n_q,) [m, rad] the values of the sliders.
     """
     if isinstance(moment, np.ndarray):
-        return {
-            "joints": [
-                posed.joint_motion(robot, joint, moment)["values"]
-                for joint in range(1, robot.model.njoints)
-            ]
-        }
+        values = []
+        for joint in range(1, robot.model.njoints):
+            values.append(posed.joint_motion(robot, joint, moment)["values"])
+        return {"joints": values}
     t, state, command = moment
     pin.forwardKinematics(robot.model, data, state.q)
     telemetry = command.telemetry
@@ -269,10 +263,10 @@ def live(
     dragged, which ``view.q`` and ``view.goal`` tell, and ``view.on_change = f`` calls ``f(view)``
     each time. Other browsers of this machine find it at its ``address``; nobody else is served.
 
-    q (n_q,) [m, rad]: of a robot, what is shown first, with the goal at its tool, and what the
-    picture is made for; by default its configuration at home. speed: times that of the clock, which
-    the run does not overtake; it may be slower. port: 0 for any that is free. The record of the run
-    is the same with and without. Two ticks are run beforehand, to know what is around.
+    q (n_q,) [m, rad]: configuration of a robot that is shown first, with the goal at its tool, and
+    that the camera is placed for; by default at home. speed: largest speed of the run, in multiples
+    of the clock's. port: 0 for any that is free. The view does not change the record of the run.
+    Two ticks are run beforehand, to find the surroundings.
 
     Raises `OutputError` for a port that is taken, `InvalidInput` for a q of a scenario, which has
     its own start, and as `Scenario.run`.

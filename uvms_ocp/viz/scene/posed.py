@@ -80,9 +80,17 @@ def joint_motion(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
     }
 
 
+def _leader(model: pin.Model, v_index: int) -> Any:
+    """Return the joint with the velocity of this index, which others mimic."""
+    for joint in model.joints:
+        if joint.idx_v == v_index and joint.nv == 1:
+            return joint
+    raise LookupError(f"no joint has the velocity {v_index}")
+
+
 def _motion(robot: Robot, joint_model: Any, data: Any, q: np.ndarray) -> dict[str, Any]:
-    """Return the kind of a joint, its axis (3,), ranges and values [rad] or [m] at q (n_q,) [m,
-    rad]; `held`: without.
+    """Return the kind of a joint, with axis (3,), ranges and values [rad] or [m] at q (n_q,) [m,
+    rad] unless it is held.
     """
     if joint_model.nv == _N_FREE and robot.n_vehicle:
         place = data.M.translation
@@ -98,11 +106,7 @@ def _motion(robot: Robot, joint_model: Any, data: Any, q: np.ndarray) -> dict[st
         along = axis[:3, 0]
     if not joint_model.nv:  # it mimics another one
         mimic = joint_model.extract()
-        leader = next(
-            joint
-            for joint in robot.model.joints
-            if joint.idx_v == joint_model.idx_v and joint.nv == 1
-        )
+        leader = _leader(robot.model, joint_model.idx_v)
         follows = [leader.id - 1, mimic.scaling, mimic.offset]
         return {
             "kind": kind,
