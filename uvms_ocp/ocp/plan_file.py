@@ -31,7 +31,7 @@ from uvms_ocp.solvers.nlp.level_solver import NlpPoint
 
 _TEXT = "summary"
 _NO_PLAN = f"no text {_TEXT!r}; give the plan.npz that `Plan.save` wrote"
-_LARGEST_TEXT = 256 << 20  # [B]
+_LARGEST_TEXT = 256 << 20  # [B] largest size of a text in a file
 # norm of a quaternion; that of a plan which breaks its constraints may be far from 1
 _SMALLEST_NORM = 1e-6
 

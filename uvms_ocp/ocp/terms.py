@@ -66,19 +66,21 @@ class Term(ABC):
     """Rows over a horizon. Raises `InvalidInput` for a weight that is not finite and positive."""
 
     state_only: ClassVar[bool] = True
-    """No row depends on inputs."""
+    """True where no row depends on inputs."""
     is_goal: ClassVar[bool] = True
-    """Something to be reached: a plan that leaves it away from its range has missed it. False for
-    costs.
-    """
+    """True for goals, which a plan misses where it leaves their range; False for costs."""
     minimises_time: ClassVar[bool] = False
-    """Its cost is the duration."""
+    """True where the cost is the duration."""
     has_sides: ClassVar[bool] = False
-    """Its references tell on which side of a thin obstacle a node stays; see `NodeMargins.sides`."""
+    """True where references tell on which side of a thin obstacle a node stays; see
+    `NodeMargins.sides`.
+    """
     rows_are_quantities: ClassVar[bool] = True
-    """The range is that of the rows themselves, not of something that they stand for."""
+    """True where the range is that of the rows themselves, False where rows stand for other
+    quantities.
+    """
     needs_powers: ClassVar[bool] = False
-    """Its rows are electrical powers."""
+    """True where rows are electrical powers."""
     at: At = At.END
     """Nodes at which it counts."""
     weight: float = 1.0

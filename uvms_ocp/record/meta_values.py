@@ -47,7 +47,7 @@ energy [J] of thrusters and joints since the start of the mission and of the pha
 are estimated by the controller of forces; without one they are 0.
 """
 ENERGIES = OWN_QUANTITIES[4:]
-"""Those of them that are energies [J]."""
+"""Quantities of `OWN_QUANTITIES` that are energies [J]."""
 LARGEST = 1e30
 """Largest number of reports and figures: its square is finite, and single precision, which scenes
 are kept in, holds it.
@@ -64,7 +64,9 @@ class ObstacleMeta(FileModel):
     """
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the obstacle."""
     shape: Literal["sphere", "capsule", "cylinder", "cone", "box", "ellipsoid", "mesh"]
+    """Kind of shape."""
     size: tuple[Annotated[FiniteFloat, Field(gt=0.0, le=FARTHEST)], ...] = ()
     """[m] (radius) of a sphere, (radius, length) of a capsule, cylinder or cone along z, (x, y, z)
     of a box, half axes of an ellipsoid; a capsule's length is that of its straight part.
@@ -129,12 +131,14 @@ class ConditionMeta(MetaValue):
     limit: Number
     """Limit [m] or [rad], as the quantity."""
     sign: Literal["<", ">"]
+    """Side of the limit on which the condition is true."""
 
 
 class ThresholdMeta(ConditionMeta):
     """A condition that a phase waits for."""
 
     phase: str
+    """Name of the phase."""
 
 
 class MetConditionMeta(ConditionMeta):
@@ -153,6 +157,7 @@ class EventMeta(MetaValue):
     t: Number
     """Time of the event [s]."""
     source: str
+    """Name of the phase that ended."""
     target: str
     """The phase that began, or ``done``, or ``abort``."""
     reason: str
@@ -175,6 +180,7 @@ class AlarmMeta(MetaValue):
     t: Number
     """Time of the alarm [s]."""
     text: str
+    """Text of the alarm."""
 
 
 class FaultMeta(MetaValue):
@@ -183,7 +189,9 @@ class FaultMeta(MetaValue):
     text: str
     """The fault in the words of the command line, ``TARGET:KIND=VALUES@ONSET-END``."""
     target: str
+    """Name of the channel, actuator or part of the environment that fails."""
     kind: str
+    """Kind of fault."""
     t: Annotated[Number, Field(ge=0.0)]
     """Time [s] from which it was there."""
     end: Number | None = None
@@ -202,7 +210,9 @@ class PhaseMeta(MetaValue):
     """One action of a mission."""
 
     name: str
+    """Short name of the phase."""
     title: str = ""
+    """Words beside the name."""
     tasks: tuple[str, ...] = ()
     """Names of the tasks that are on."""
 
@@ -211,6 +221,7 @@ class TaskMeta(MetaValue):
     """A task of the hierarchy."""
 
     name: str
+    """Name of the task."""
     label: str
     """The paper's bracket, such as ``[R,E,AD]``."""
     tool: str | None = None
@@ -221,7 +232,9 @@ class LevelMeta(MetaValue):
     """A level of the hierarchy; its rows follow those of the level above."""
 
     name: str
+    """Name of the level."""
     rows: Annotated[int, Field(ge=0)]
+    """Number of rows."""
 
 
 class LimitsMeta(MetaValue):
@@ -274,6 +287,7 @@ class FrameMeta(MetaValue):
     """A pose to draw."""
 
     name: str
+    """Name beside the drawn frame."""
     pose: tuple[Number, Number, Number, Number, Number, Number, Number]
     """(7,) X_WF: p_WF [m] and quaternion xyzw; where it is first, if it moves."""
     phase: str | None = None
@@ -295,6 +309,7 @@ class MarkerMeta(MetaValue):
     """A point to draw."""
 
     name: str
+    """Name beside the drawn point."""
     position: Point
     """Position (3,) [m] in W."""
 
@@ -303,7 +318,9 @@ class PackageMeta(MetaValue):
     """A package, or Python itself, and its version."""
 
     name: str
+    """Name of the package."""
     version: str
+    """Version of the package."""
 
 
 class ClearanceMeta(MetaValue):
@@ -344,7 +361,9 @@ class SurroundingsMeta(MetaValue):
     frames: tuple[FrameMeta, ...] = ()
     """Frames such as goals."""
     markers: tuple[MarkerMeta, ...] = ()
+    """Points such as way points."""
     obstacles: tuple[ObstacleMeta, ...] = ()
+    """Obstacles around the robot."""
     floor_z: Number | None = None
     """Height of the floor [m] in W, below the start."""
     floor: FloorRelief | None = None

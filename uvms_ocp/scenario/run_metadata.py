@@ -33,8 +33,7 @@ Markers = Mapping[str, tuple[float, float, float]]
 
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
-_FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
-
+_FLOOR_AROUND = 12.0  # [m] width around the mission of a floor that is not flat, kept in records
 _WAY_STEP = 0.1  # [s] between places of a goal that moves
 _MOST_PLACES = 3000
 

@@ -83,7 +83,7 @@ class MinimumAltitude(Task):
         return self.threshold
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Altitude >= `threshold` [m]."""
+        """Keep the altitude >= `threshold` [m]."""
         return bounded_residual(
             altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)), lower=self.threshold
         )
