@@ -150,6 +150,58 @@ def test_the_normal_of_two_meshes_is_the_slope_of_their_distance() -> None:
             assert slope == pytest.approx(mesh_contact.normal @ axis, abs=1e-3)
 
 
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("kind", ["sphere", "capsule", "cone", "box"])
+def test_depth_in_a_closed_mesh_changes_as_its_points_and_normal_say(kind: str, order: int) -> None:
+    """A normal across an edge of each turns with both, which is not told."""
+    rng = np.random.default_rng(3)
+    mesh = box_mesh(np.array([0.2, 0.15, 0.1]))
+    shape = {"sphere": coal.Sphere(0.15), "capsule": coal.Capsule(0.1, 0.4)}.get(kind)
+    if shape is None:
+        shape = coal.Cone(0.2, 0.4) if kind == "cone" else coal.Box(0.4, 0.3, 0.2)
+
+    def measured(place: pin.SE3) -> PairContact:
+        if order == 1:
+            return contact(mesh, shape, place)
+        return contact(shape, mesh, place)
+
+    n_overlaps = 0
+    h = 1e-4
+    for _ in range(300):
+        direction = rng.normal(size=3)
+        position = rng.uniform(0.02, 0.35) * direction / np.linalg.norm(direction)
+        place = pin.SE3(pin.exp3(rng.normal(size=3)), position)
+        overlap = measured(place)
+        if overlap.distance > -h or not _is_across_face(overlap, place, order, kind):
+            continue
+        n_overlaps += 1
+        if n_overlaps > 12:
+            break
+        assert_opposite(overlap)
+        for axis in np.eye(6):
+            moved = [measured(pin.exp6(step * axis) * place).distance for step in (h, -h)]
+            twist = axis[:3] + np.cross(axis[3:], overlap.second)  # at the point, of the second
+            slope = (moved[0] - moved[1]) / (2 * h)
+            is_kink = abs(sum(moved) - 2 * overlap.distance) > 1e-2 * h
+            assert is_kink or slope == pytest.approx(overlap.normal @ twist, abs=2e-2)
+    assert n_overlaps > 12
+
+
+def _is_across_face(overlap: PairContact, place: pin.SE3, order: int, kind: str) -> bool:
+    """Check whether the normal is that of a face of the mesh, or of the box beside it."""
+    first_normal = overlap.normal
+    second_normal = place.rotation.T @ overlap.normal
+    normals = [first_normal, second_normal]
+    if kind != "box":
+        normals = [first_normal if order == 1 else second_normal]
+    return any(np.abs(normal).max() > 1.0 - 1e-6 for normal in normals)
+
+
+def assert_opposite(overlap: PairContact) -> None:
+    way = overlap.second - overlap.first
+    np.testing.assert_allclose(way, overlap.distance * overlap.normal, atol=1e-5)
+
+
 @pytest.mark.parametrize(("radius", "are_apart"), [(0.1, False), (0.01, True)])
 def test_a_link_that_is_stowed_inside_a_closed_mesh_is_no_pair_of_it(
     radius: float, are_apart: bool, tmp_path: Path

@@ -12,6 +12,8 @@ from functools import cached_property
 import coal
 import numpy as np
 
+_PARALLEL = 1.0 - 1e-8  # cosine of directions that are one
+_IN_PLANE = 1e-5  # share of the size of a mesh
 _SAME_VERTEX = 1e-9  # share of the size of a mesh within which two of its vertices are one
 
 
@@ -39,6 +41,22 @@ class Solid:
         candidates = _nearest_on_triangles(self.corners, point)
         distances = np.linalg.norm(candidates - point, axis=1)
         return np.asarray(candidates[int(np.argmin(distances))])
+
+    def has_face(self, point: np.ndarray, direction: np.ndarray) -> bool:
+        """Check whether a triangle lies in the plane of a point (3,) [m] across a direction (3,) of
+        unit length.
+        """
+        is_across = np.abs(self._normals @ direction) > _PARALLEL
+        heights = (point - self.corners[is_across, 0]) @ direction
+        return bool((np.abs(heights) < _IN_PLANE * np.ptp(self._box)).any())
+
+    @cached_property
+    def _normals(self) -> np.ndarray:
+        """Normals (n, 3) of unit length of the triangles; zero where one has no area."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        normals = np.cross(b - a, c - a)
+        lengths = np.linalg.norm(normals, axis=1)
+        return np.asarray(normals / np.maximum(lengths, np.finfo(float).tiny)[:, None])
 
     @cached_property
     def _box(self) -> tuple[np.ndarray, np.ndarray]:

@@ -98,7 +98,10 @@ def signed_contact(
             if solid is not None and solid.holds(places[outer].actInv(points[inner])):
                 way = points[outer] - points[inner]
                 out = way / np.linalg.norm(way)
-                return _way_out(points[outer], out, bodies[inner], places[inner], inner)
+                on_face = solid.has_face(
+                    places[outer].actInv(points[outer]), places[outer].rotation.T @ out
+                )
+                return _way_out(points[outer], out, bodies[inner], places[inner], inner, on_face)
         return contact
     if bodies[0].is_mesh and bodies[1].is_mesh:
         return _crossing_meshes(bodies, places, contact)
@@ -111,7 +114,9 @@ def signed_contact(
     out = contact.normal if mesh == 0 else -contact.normal
     if solid.holds(places[mesh].actInv(surface + _BESIDE * out)):
         out = -out
-    return _way_out(surface, out, bodies[primitive], places[primitive], primitive)
+        on_face = solid.has_face(places[mesh].actInv(surface), places[mesh].rotation.T @ out)
+        return _way_out(surface, out, bodies[primitive], places[primitive], primitive, on_face)
+    return contact
 
 
 def _by_coal(result: coal.DistanceResult) -> PairContact:
@@ -133,14 +138,20 @@ def _by_coal(result: coal.DistanceResult) -> PairContact:
 
 
 def _way_out(
-    surface: np.ndarray, out: np.ndarray, body: Body, place: pin.SE3, inner: int
+    surface: np.ndarray, out: np.ndarray, body: Body, place: pin.SE3, inner: int, on_face: bool
 ) -> PairContact:
     """Return the contact of a body that is to leave a solid along `out` (3,) at a point of its
     surface (3,) [m]; inner: whether it is the first (0) or the second (1) of the pair.
+
+    The points are opposite each other, so that either is the place of the force: the deepest point
+    of the body and its foot where `out` is normal to a face there, on_face, or else the point of the
+    surface and its foot in the plane that leaves last, as `out` then turns with the body.
     """
     deepest = place.act(body.lowest(place.rotation.T @ out))
-    depth = float(out @ (surface - deepest))
-    return _overlap(max(depth, 0.0), surface, out, deepest, inner)
+    depth = max(float(out @ (surface - deepest)), 0.0)
+    if on_face:
+        return _overlap(depth, deepest + depth * out, out, deepest, inner)
+    return _overlap(depth, surface, out, surface - depth * out, inner)
 
 
 def _overlap(
