@@ -48,6 +48,7 @@ DOUBTS = (
         "jumps to .* and back",
         "numbers that stand for nothing, within the range of others or often",
     ),
+    Doubt("and goes on from there", "a position that is set anew"),
     Doubt("is never beyond", "saturated sensors"),
     Doubt("for a tenth of the time: is it in", "values that no vehicle has: units, angles in deg"),
     Doubt("pulse widths in us", "pulse widths as thrust"),
@@ -86,6 +87,16 @@ DOUBTS = (
     Doubt("how is it mounted", "a velocity of turned axes"),
     Doubt("beside the way of the position", "a heading that is turned a little"),
     Doubt("measured elsewhere than the position", "a lever arm"),
+    # How a gyro is mounted.
+    Doubt("times the rate at which the attitude turns", "a scale of a gyro"),
+    Doubt("are not those of the attitude, but turned by", "a gyro of turned axes"),
+    Doubt("while the attitude stands for what is right", "a bias of a gyro"),
+    Doubt("turns otherwise than the angular_velocity at", "turns that are lost"),
+    # Of what all channels are.
+    Doubt("goes to and fro between two series", "two senders in one channel"),
+    Doubt("is explained by the other; of another run", "channels of another motion"),
+    Doubt("reads better with .*were it of roll, pitch and yaw", "another order of angles"),
+    Doubt("too few digits, which make an error", "numbers of few digits"),
     # What stops, and what was not recorded.
     Doubt("stays exactly as it is from", "a sensor that stops"),
     Doubt("zero throughout, and the vehicle moves", "commands that were not recorded"),

@@ -19,6 +19,7 @@ from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.recording_gaps import split_at_gaps
 from uvms_ocp.identification.resampling import interpolated, rotations
 from uvms_ocp.identification.tables import write_columns
+from uvms_ocp.robot.spatial import continuous_quaternions
 
 Rng = np.random.Generator
 Spoil = Callable[[Recording, Rng], Recording]
@@ -195,6 +196,81 @@ def _from_a_lever(recording: Recording, rng: Rng) -> Recording:
     place = rng.uniform(0.08, 0.4) * direction / np.linalg.norm(direction)
     values = velocity.values + np.cross(turning, place)
     return _with_channel(recording, "linear_velocity", replace(velocity, values=values))
+
+
+def _turned_gyro(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Turn axes by 5 to 20 deg about any axis."""
+    from scipy.spatial.transform import Rotation
+
+    direction = rng.normal(size=3)
+    angle = np.deg2rad(rng.uniform(5.0, 20.0))
+    turn = Rotation.from_rotvec(angle * direction / np.linalg.norm(direction))
+    return np.asarray(values @ turn.as_matrix())
+
+
+def _biased(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Add 0.02 to 0.1 rad/s to one of the axes."""
+    bias = rng.uniform(0.02, 0.1) * rng.choice([-1.0, 1.0])
+    return values + bias * (np.arange(3) == rng.integers(3))
+
+
+def _of_another_time(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Begin somewhere in the middle, and go on with the beginning after the end."""
+    n = len(values)
+    return np.roll(values, int(rng.integers(n // 3, 2 * n // 3)), axis=0)
+
+
+def _lost_attitude(channel: Channel, rng: Rng) -> Channel:
+    """Turn an attitude by 30 to 90 deg about any axis for 1 to 5 s."""
+    from scipy.spatial.transform import Rotation
+
+    direction = rng.normal(size=3)
+    angle = np.deg2rad(rng.uniform(30.0, 90.0))
+    turn = Rotation.from_rotvec(angle * direction / np.linalg.norm(direction))
+    first = rng.uniform(10.0, 45.0)
+    is_lost = (channel.t > first) & (channel.t < first + rng.uniform(1.0, 5.0))
+    turned = (turn * Rotation.from_quat(channel.values)).as_quat()
+    values = np.where(is_lost[:, None], turned, channel.values)
+    return replace(channel, values=continuous_quaternions(values))
+
+
+def _set_anew(channel: Channel, rng: Rng) -> Channel:
+    """Move a position from some time on by 2 to 30 m."""
+    direction = rng.normal(size=3)
+    distance = rng.uniform(2.0, 30.0) * direction / np.linalg.norm(direction)
+    is_later = channel.t[:, None] > rng.uniform(0.2, 0.8) * DURATION
+    return replace(channel, values=channel.values + np.where(is_later, distance, 0.0))
+
+
+def _of_two_senders(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Move a half, or a fifth, of the samples by 1 to 20 m."""
+    is_other = rng.uniform(size=(len(values), 1)) < rng.choice([0.5, 0.2])
+    direction = rng.normal(size=3)
+    distance = rng.uniform(1.0, 20.0) * direction / np.linalg.norm(direction)
+    return np.where(is_other, values + distance, values)
+
+
+def _in_another_order(order: str, axes: Sequence[int]) -> Callable[[np.ndarray, Rng], np.ndarray]:
+    """Read roll, pitch and yaw of turns about some axes as those of 3-2-1."""
+    from scipy.spatial.transform import Rotation
+
+    def change(values: np.ndarray, _: Rng) -> np.ndarray:
+        angles = np.empty((len(values), 3))
+        angles[:, axes] = Rotation.from_quat(values).as_euler(order)
+        read = Rotation.from_euler("xyz", angles).as_quat()
+        return continuous_quaternions(read)
+
+    return change
+
+
+def _with_few_digits(shortest: float, longest: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
+    """Round one of three columns to multiples of a step of `shortest` to `longest`."""
+
+    def change(values: np.ndarray, rng: Rng) -> np.ndarray:
+        step = rng.uniform(shortest, longest)
+        return np.where(np.arange(3) == rng.integers(3), step * np.round(values / step), values)
+
+    return change
 
 
 def _in_world(recording: Recording, _: Rng) -> Recording:
@@ -582,6 +658,86 @@ KINDS = (
         _VELOCITY,
         ("measured elsewhere than the position",),
         _from_a_lever,
+    ),
+    Kind(
+        "mounting",
+        "a gyro of another scale",
+        _RATE,
+        ("times the rate at which the attitude turns",),
+        _values(_RATE, lambda x, rng: x * rng.choice([0.85, 0.93, 1.05, 1.15, 1.3])),
+    ),
+    Kind(
+        "mounting",
+        "a gyro of turned axes",
+        _RATE,
+        ("are not those of the attitude, but turned by",),
+        _values(_RATE, _turned_gyro),
+    ),
+    Kind(
+        "mounting",
+        "a bias of the gyro",
+        _RATE,
+        ("while the attitude stands for what is right",),
+        _values(_RATE, _biased),
+    ),
+    Kind(
+        "identity",
+        "an attitude that is lost for a while",
+        _ATTITUDE,
+        ("turns otherwise than the angular_velocity at",),
+        _change(_ATTITUDE, _lost_attitude),
+    ),
+    *(
+        Kind(
+            "identity",
+            f"{name} of another time",
+            name,
+            ("is explained by the other; of another run", _LATE, "and goes on from there"),
+            _values(name, _of_another_time),
+        )
+        for name in ("position", _VELOCITY, _RATE, _FORCE)
+    ),
+    Kind(
+        "identity",
+        "a position that is set anew",
+        "position",
+        ("and goes on from there",),
+        _change("position", _set_anew),
+    ),
+    Kind(
+        "identity",
+        "two senders of positions",
+        "position",
+        ("goes to and fro between two series",),
+        _values("position", _of_two_senders),
+    ),
+    *(
+        Kind(
+            "attitude",
+            f"roll, pitch and yaw in the order {name}",
+            _ATTITUDE,
+            ("reads better with .*were it of roll, pitch and yaw",),
+            _values(_ATTITUDE, _in_another_order(order, axes)),
+        )
+        for name, order, axes in (
+            ("3-1-2", "ZXY", (2, 0, 1)),
+            ("2-1-3", "YXZ", (1, 0, 2)),
+            ("1-2-3", "XYZ", (0, 1, 2)),
+        )
+    ),
+    *(
+        Kind(
+            "digits",
+            f"a column of {name} with few digits",
+            name,
+            ("too few digits, which make an error",),
+            _values(name, _with_few_digits(shortest, longest)),
+        )
+        for name, shortest, longest in (
+            ("position", 0.12, 0.5),
+            (_VELOCITY, 0.06, 0.2),
+            (_RATE, 0.06, 0.2),
+        )
     ),
     Kind(
         "attitude",

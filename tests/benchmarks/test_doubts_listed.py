@@ -16,16 +16,21 @@ import uvms_ocp.identification as package
 from uvms_ocp.identification import (
     column_scale_checks,
     command_checks,
+    euler_orders,
     gravity_checks,
     joint_checks,
     mapped_recordings,
     mounting_checks,
     rate_checks,
+    resolution_checks,
     run_recordings,
     sample_checks,
+    sender_checks,
     series_agreement,
     settings_checks,
+    shared_motion_checks,
     stuck_checks,
+    turning_checks,
 )
 
 DOUBTS = import_module("spoiled.doubts").DOUBTS
@@ -40,12 +45,15 @@ PARTS = (
     "a fit takes the command before them",
     "is the other in",
     "up to § m/s §",
-    "§ % of §",
     "% as they are",
     "§, as the file says",
     "deg about z: format",
     "§: in §",
     "§ § +- §",
+    "§ +- § about §",
+    "§ % of §",
+    " as the attitude does",
+    " as the position does",
 )
 """Parts of doubts that stand by themselves in the code, and notes of what was read."""
 CHECKS = (
@@ -58,6 +66,11 @@ CHECKS = (
     command_checks,
     column_scale_checks,
     mounting_checks,
+    turning_checks,
+    sender_checks,
+    shared_motion_checks,
+    euler_orders,
+    resolution_checks,
 )
 """Modules whose texts are all doubts."""
 PARTLY = {

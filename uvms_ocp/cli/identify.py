@@ -24,6 +24,7 @@ from uvms_ocp.identification import (
 )
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.calibration_robot import CalibratedRobot, calibrated_robot
+from uvms_ocp.identification.channel_evidence import ASPECTS, channel_evidence
 from uvms_ocp.identification.channel_mapping import UNITS, read_mapping
 from uvms_ocp.identification.experiment_design import (
     DesignSettings,
@@ -108,6 +109,8 @@ def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Jso
     for recording in recordings:
         data = _recording_data(recording)
         console.print(table_of(recording.name, data["channels"], _COLUMNS))
+        rests_on = [_status_row(name, data["evidence"]) for name in recording.channels]
+        console.print(table_of("how each is known", rests_on, ("channel", *ASPECTS)))
         for line in (*data["read as"], *(f"doubtful: {doubt}" for doubt in data["doubts"])):
             print_line(console, line)
 
@@ -137,11 +140,32 @@ def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:
 
 
 def _recording_data(recording: Recording) -> dict[str, Any]:
+    doubts = check_data_quality(recording)
+    evidence = []
+    for entry in channel_evidence(recording, doubts):
+        evidence.append(
+            {
+                "channel": entry.channel,
+                "aspect": entry.aspect,
+                "status": entry.status,
+                "evidence": entry.evidence,
+            }
+        )
     return {
         "channels": [_row(name, channel) for name, channel in recording.channels.items()],
         "read as": list(recording.layout),
-        "doubts": [str(doubt) for doubt in check_data_quality(recording)],
+        "doubts": [str(doubt) for doubt in doubts],
+        "evidence": evidence,
     }
+
+
+def _status_row(name: str, evidence: list[dict[str, str]]) -> dict[str, str]:
+    """Return the status of each aspect of one channel."""
+    row = {"channel": name}
+    for entry in evidence:
+        if entry["channel"] == name:
+            row[entry["aspect"]] = entry["status"]
+    return row
 
 
 def _row(name: str, channel: Channel) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import model, parameters, uncertainty, validation
 from uvms_ocp.identification.calibration_robot import CalibratedRobot, with_delays
+from uvms_ocp.identification.channel_evidence import Evidence, channel_evidence
 from uvms_ocp.identification.completed_recordings import along_axes, with_thrust
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.estimates import Estimate, FitStatus, Noise
@@ -86,6 +87,8 @@ class Calibration(TableDisplay):
     """Predictions of the recordings that it was calibrated on."""
     issues: tuple[str, ...]
     """Doubts about the recordings, each with the name of its recording."""
+    evidence: tuple[tuple[str, Evidence], ...] = ()
+    """What the reading of each channel rests on, each with the name of its recording."""
     constants: tuple[HeldConstant, ...] = ()
     """Constants that the fit held fixed though they are uncertain; none for runs of this toolkit,
     whose constants are known.
@@ -182,7 +185,7 @@ def calibrate(
     subject = with_delays(subject, settings, at_once=at_once)
     prepared = _prepared(subject, settings, recordings)
     prepared_to_predict = _prepared(subject, settings, to_predict)
-    issues = _issues(subject, settings, (*recordings, *to_predict), warn)
+    issues, evidence = _issues(subject, settings, (*recordings, *to_predict), warn)
     noise = Noise(**settings.noise.model_dump())
     rollout = Rollout(model.stage_of(subject.vehicle, sharp=True))
     with progress_bar(shown=progress is None, bar_format="{elapsed} {desc}") as bar:
@@ -243,6 +246,7 @@ def calibrate(
             whiteness=whiteness_tests,
             comparisons=tuple(comparisons),
             issues=tuple(issues),
+            evidence=tuple(evidence),
             constants=constants,
             profiles=number_profiles,
             left_out=left_out,
@@ -271,18 +275,21 @@ def _issues(
     settings: CalibrationSettings,
     recordings: Sequence[Recording],
     warn: Callable[[str], None],
-) -> list[str]:
-    """List the doubts about recordings and settings, each with the name of its recording; warn gets
-    each at once.
+) -> tuple[list[str], list[tuple[str, Evidence]]]:
+    """List the doubts about recordings and settings, and what the reading of channels rests on, each
+    with the name of its recording; warn gets each doubt at once.
     """
     issues = []
+    evidence = []
     for recording in recordings:
-        doubts = [*check_data_quality(recording), *check_settings(subject, settings, recording)]
-        for doubt in doubts:
+        quality_issues = check_data_quality(recording)
+        for entry in channel_evidence(recording, quality_issues):
+            evidence.append((recording.name, entry))
+        for doubt in (*quality_issues, *check_settings(subject, settings, recording)):
             issue = f"{recording.name}: {doubt}"
             issues.append(issue)
             warn(issue)
-    return issues
+    return issues, evidence
 
 
 def _with_commands(

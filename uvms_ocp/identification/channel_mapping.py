@@ -72,8 +72,22 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     """
     missing: tuple[float, ...] = ()
     """values that stand where nothing was measured"""
-    format: Literal["rpy", "quaternion xyzw", "quaternion wxyz"] | None = None
-    """of an attitude; default: quaternion xyzw"""
+    format: (
+        Literal[
+            "rpy",
+            "rpy 3-1-2",
+            "rpy 2-3-1",
+            "rpy 2-1-3",
+            "rpy 1-3-2",
+            "rpy 1-2-3",
+            "quaternion xyzw",
+            "quaternion wxyz",
+        ]
+        | None
+    ) = None
+    """of an attitude; default: quaternion xyzw; roll, pitch and yaw follow each other about the axes
+    3-2-1 (z, y, x as turned so far), or as said
+    """
     unit: str | None = None
     """of the values; default: as a header says, or that of the channel"""
     offset: _Numbers = 0.0
@@ -97,6 +111,11 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     def fields(self) -> tuple[str, ...]:
         """Names of the columns or fields that are measured, without their signs."""
         return tuple(column.removeprefix("-") for column in self.columns if isinstance(column, str))
+
+    @property
+    def has_angles(self) -> bool:
+        """True for an attitude of roll, pitch and yaw."""
+        return is_of_angles(self.format)
 
     @property
     def words(self) -> tuple[str | None, ...]:
@@ -135,6 +154,27 @@ def read_mapping(path: Path | str) -> RecordingMapping:
     return mapping
 
 
+def stated_aspects(mapping: ChannelMapping) -> dict[str, str]:
+    """Return what a mapping states of a channel, by aspect of its reading."""
+    keys_of_aspects: dict[str, tuple[str, ...]] = {
+        "source": ("rows",),
+        "unit": ("unit",),
+        "axes": ("frame", "world", "body", "format"),
+        "time": ("time_unit", "sent_every"),
+        "delay": ("delay",),
+        "offset": ("offset", "scale"),
+    }
+    stated = {}
+    for aspect, keys in keys_of_aspects.items():
+        parts = []
+        for key in keys:
+            if key in mapping.model_fields_set:
+                parts.append(f"{key}: {getattr(mapping, key)}")
+        if parts:
+            stated[aspect] = f"{', '.join(parts)} of the mapping"
+    return stated
+
+
 def require_meaning(key: str, mapping: ChannelMapping) -> None:
     """Check that every key has a meaning for its channel: none is ignored.
 
@@ -164,7 +204,7 @@ def require_meaning(key: str, mapping: ChannelMapping) -> None:
 
 def _require_width(key: str, mapping: ChannelMapping) -> None:
     """Check that a channel has as many columns as its kind; an array may have several of them."""
-    if mapping.format == "rpy":
+    if mapping.has_angles:
         width = 3
     else:
         width = len(recordings.CHANNEL_KINDS[key].columns)
@@ -193,9 +233,14 @@ def frames_of(key: str, frame: str | None) -> tuple[str, ...]:
     return ()
 
 
+def is_of_angles(form: str | None) -> bool:
+    """Check whether a format of an attitude is one of roll, pitch and yaw."""
+    return form is not None and form.startswith("rpy")
+
+
 def units_of(key: str, form: str | None) -> dict[str, float]:
     """Return the units that a channel may have, an attitude in a form, and their factors."""
-    if key != "attitude" or form == "rpy":
+    if key != "attitude" or is_of_angles(form):
         bases = _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,))
     else:
         bases = ()

@@ -10,14 +10,19 @@ from dataclasses import replace
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.identification.column_scale_checks import of_columns
 from uvms_ocp.identification.command_checks import of_commands
+from uvms_ocp.identification.euler_orders import of_order
 from uvms_ocp.identification.gravity_checks import of_gravity
 from uvms_ocp.identification.joint_checks import of_joints
 from uvms_ocp.identification.mounting_checks import of_mounting
 from uvms_ocp.identification.rate_checks import PARTNER, of_rates
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
+from uvms_ocp.identification.resolution_checks import of_resolution
 from uvms_ocp.identification.sample_checks import has_times, of_poses, of_samples
+from uvms_ocp.identification.sender_checks import of_senders
+from uvms_ocp.identification.shared_motion_checks import of_shared_motion
 from uvms_ocp.identification.stuck_checks import of_stuck
 from uvms_ocp.identification.stuck_column_checks import of_stuck_columns
+from uvms_ocp.identification.turning_checks import of_turning
 from uvms_ocp.record.row_files import forget
 
 _SAID_BETTER = (
@@ -48,6 +53,10 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     issues = [*recording.issues_in_file, *of_samples(recording)]
     # All else would follow from degrees that are taken for radians.
     wrong = {name for name, text in recording.issues_in_file if "rad: in deg?" in text}
+    # No check knows which of two senders a sample is of.
+    mixed = list(of_senders(recording, {name for name, _ in issues}))
+    issues += mixed
+    wrong |= {name for name, _ in mixed}
     sound = {}
     for name, channel in recording.channels.items():
         is_timed = CHANNEL_KINDS[name].command or has_times(channel)
@@ -60,6 +69,12 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     for name, _ in column_doubts:
         sound.pop(name, None)
     remaining = replace(recording, channels=sound)
+    if not any(name in _MOTION_CHANNELS for name, _ in issues):
+        orders = list(of_order(remaining))
+        issues += orders
+        if orders:  # as all else would follow from it
+            sound.pop("attitude")
+            remaining = replace(recording, channels=sound)
     for check in (of_poses, of_rates, of_joints, of_gravity, of_stuck):
         issues += check(remaining)
         forget(channel.values for channel in sound.values())
@@ -70,7 +85,12 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
         # What else is wrong with these would be taken for a scale, or for a place.
         doubted = {name for name, _ in issues}
         if not doubted & _MOTION_CHANNELS:
-            issues += of_mounting(remaining)
+            foreign = list(of_shared_motion(remaining))
+            issues += foreign
+            issues += of_resolution(remaining)
+            if not foreign:
+                issues += of_mounting(remaining)
+                issues += of_turning(remaining)
         issues += of_commands(remaining)
         forget(channel.values for channel in sound.values())
     distinct = _without_repetitions(issues)

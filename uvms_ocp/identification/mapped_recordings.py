@@ -19,9 +19,11 @@ from uvms_ocp.identification.channel_mapping import (
     ChannelMapping,
     RecordingMapping,
     require_meaning,
+    stated_aspects,
     units_of,
 )
 from uvms_ocp.identification.clock_segments import continued as continued_clocks
+from uvms_ocp.identification.euler_orders import quaternions_of_angles
 from uvms_ocp.identification.mapping_doubts import (
     LARGEST_ANGLE,
     channel_doubts,
@@ -100,7 +102,23 @@ def mapped_recording(
         },
         issues_in_file=tuple(issues),
         layout=tuple(note for note in dict.fromkeys(notes) if note),
+        stated=_stated(mapping, rows),
     )
+
+
+def _stated(
+    mapping: RecordingMapping, rows: Mapping[str, tables.TableColumns]
+) -> dict[str, dict[str, str]]:
+    """Return what the mapping, and units in the file, state of each channel."""
+    stated = {}
+    for key, channel_mapping in mapping.channels.items():
+        aspects = stated_aspects(channel_mapping)
+        if "unit" not in aspects and rows[key].stated_unit:
+            aspects["unit"] = f"{rows[key].stated_unit}, as the file says"
+        if channel_mapping.topic and channel_mapping.time:
+            aspects.setdefault("time", f"{channel_mapping.time} of the message")
+        stated[key] = aspects
+    return stated
 
 
 def _in_body(key: str, channels: Mapping[str, recordings.Channel]) -> np.ndarray:
@@ -251,15 +269,19 @@ def _in_unit(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> t
     numbers = _with_constants(mapping, numbers * factors)
     if key == "position":
         remarks = [*pressure_remarks(mapping, file_units, numbers), *remarks]
-    if key == "attitude" and mapping.format != "rpy" and mapping.lost == "never":
+    if key == "attitude" and not mapping.has_angles and mapping.lost == "never":
         # Zeros: its sender knows no attitude.
         norms = np.linalg.norm(numbers, axis=1, keepdims=True)
         numbers = np.where(norms > 0.0, numbers, np.nan)
     numbers = (numbers + np.asarray(mapping.offset)) * np.asarray(mapping.scale)
+    known_units = dict.fromkeys(recordings.unit_named(unit) for unit in file_units)
+    allowed_units = units_of(key, mapping.format)
+    stated_units = [unit for unit in known_units if unit in allowed_units]
     return replace(
         table,
         values=np.column_stack([times, numbers]),
         units=(),
+        stated_unit=", ".join(stated_units),
         notes=notes,
         remarks=(*table.remarks, *remarks),
     )
@@ -377,7 +399,7 @@ def _quaternions(mapping: ChannelMapping, values: np.ndarray) -> np.ndarray:
     """Convert values to attitudes (n, 4) of B in W."""
     from scipy.spatial.transform import Rotation
 
-    width = 3 if mapping.format == "rpy" else 4
+    width = 3 if mapping.has_angles else 4
     if values.shape[1] != width:
         raise InvalidInput(
             f"attitude: {values.shape[1]} columns given; allowed: 4, or 3 with format: rpy"
@@ -396,7 +418,7 @@ def _quaternions(mapping: ChannelMapping, values: np.ndarray) -> np.ndarray:
             f"attitude: angles up to {np.abs(values).max():.4g} rad given; in deg? give its unit"
         )
     if width == 3:
-        R = Rotation.from_euler("xyz", values)
+        R = Rotation.from_quat(quaternions_of_angles(values, mapping.format or "rpy"))
     else:
         R = Rotation.from_quat(values, scalar_first=mapping.format == "quaternion wxyz")
     world = Rotation.from_matrix(_DOWN if mapping.world == "NED" else np.eye(3))

@@ -58,7 +58,7 @@ def channel_doubts(
         if recordings.CHANNEL_KINDS[key].command:
             text += ", and a fit takes the command before them for what was asked"
         yield key, text
-    if key == "attitude" and mapping.format != "rpy":
+    if key == "attitude" and not mapping.has_angles:
         for text in _norm_doubts(rows[:, 1:]):
             yield key, text
     geographic = [name for name in mapping.fields if _is_geographic(name)]
@@ -70,7 +70,7 @@ def channel_doubts(
                 " point"
             ),
         )
-    is_rpy_without_unit = mapping.format == "rpy" and mapping.unit is None
+    is_rpy_without_unit = mapping.has_angles and mapping.unit is None
     if key == "attitude" and is_rpy_without_unit and _like_degrees(rows):
         yield (
             key,

@@ -7,8 +7,8 @@ otherwise is turned when it is read, see `uvms_ocp.identification.mapped_recordi
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 
 import numpy as np
@@ -40,6 +40,10 @@ class Recording:
     """Issues that the file itself reports, as pairs of channel and text."""
     layout: tuple[str, ...] = ()
     """Notes on how files were read, such as units of times."""
+    stated: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """What the file or its mapping states of channels, by channel and aspect of
+    `uvms_ocp.identification.channel_evidence`.
+    """
     whole: str = ""
     """Name of the recording that it is a part of; empty for a whole one."""
     at_once: bool = False
@@ -176,6 +180,13 @@ class ChannelKind:
     """Frame of its vectors, W or B."""
     command: bool = False
     """True for a command, which is held from one sample to the next; False for a measurement."""
+
+
+def stated_by_format(names: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Return what this toolkit's own files state of channels: all of it."""
+    aspects = ("source", "unit", "axes", "time", "delay", "offset")
+    stated = dict.fromkeys(aspects, "format of this toolkit")
+    return dict.fromkeys(names, stated)
 
 
 def _units_by_spelling() -> dict[str, str]:

@@ -39,6 +39,15 @@ interval did not close, while all others were fitted anew: the interval does not
 | number | unit | by standard errors | by profile | |
 |---|---|---|---|---|"""
 
+EVIDENCE = """
+## What the reading of each channel rests on
+
+Known is what the file or its mapping states. Shown is what other channels agree with, as well as it says; an error
+that both have in common is not seen. All else is assumed: where it is otherwise, numbers are wrong by as much.
+
+| recording | channel | of | is | by |
+|---|---|---|---|---|"""
+
 HELD = """
 ## Numbers that the fit took for known
 

@@ -21,6 +21,7 @@ from uvms_ocp.identification import (
 from uvms_ocp.identification.advice import advice
 from uvms_ocp.identification.calibration import Calibration
 from uvms_ocp.identification.calibration_robot import SHAPE_SPREADS, shape_of
+from uvms_ocp.identification.channel_evidence import Evidence
 from uvms_ocp.identification.fit_tables import fits, left_out_tables
 from uvms_ocp.identification.held_constants import HeldConstant
 from uvms_ocp.identification.identified_numbers import DETERMINED_BELOW, MISSES, IdentifiedNumber
@@ -60,6 +61,7 @@ def report_text(calibration: Calibration) -> str:
     parts += prediction_lines(calibration.predicted, calibration.predicted_bounds)
     parts += ["", "## Doubts about the recordings", ""]
     parts += [f"- {doubt}" for doubt in calibration.issues or ("none",)]
+    parts += _evidence_table(calibration)
     return "\n".join(parts) + "\n"
 
 
@@ -76,6 +78,7 @@ def report_data(calibration: Calibration) -> dict[str, Any]:
         "numbers": [_number_data(number) for number in calibration.numbers],
         "seen_worse_than_still": shortfalls,
         "doubts": list(calibration.issues),
+        "evidence": [_evidence_data(name, entry) for name, entry in calibration.evidence],
     }
     if calibration.left_out:
         data["left_out"] = prediction_data(calibration.left_out, calibration.left_out_bounds)
@@ -212,6 +215,29 @@ def _open_directions(calibration: Calibration) -> Iterator[str]:
             f"- {shares}: standard error {min(direction.sigma, 1e3):.2g} without priors. To determine"
             f" it: {advice(direction)}."
         )
+
+
+def _evidence_table(calibration: Calibration) -> Iterator[str]:
+    """Tabulate what the reading of each channel rests on."""
+    if not calibration.evidence:
+        return
+    yield report_prose.EVIDENCE
+    for recording, entry in calibration.evidence:
+        yield (
+            f"| {recording} | {entry.channel} | {entry.aspect} | {entry.status} |"
+            f" {entry.evidence} |"
+        )
+
+
+def _evidence_data(recording: str, entry: Evidence) -> dict[str, str]:
+    """Return what one aspect of a channel's reading rests on, for JSON."""
+    return {
+        "recording": recording,
+        "channel": entry.channel,
+        "aspect": entry.aspect,
+        "status": entry.status,
+        "evidence": entry.evidence,
+    }
 
 
 def _held_table(calibration: Calibration) -> Iterator[str]:

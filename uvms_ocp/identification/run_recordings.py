@@ -66,7 +66,11 @@ def run_recording(record: Record, name: str) -> recordings.Recording:
         if key in channels:
             channels[key] = _with_names(channels[key], names)
     return recordings.Recording(
-        name=name, channels=channels, issues_in_file=tuple(_spoiled(record)), at_once=True
+        name=name,
+        channels=channels,
+        issues_in_file=tuple(_spoiled(record)),
+        stated=recordings.stated_by_format(channels),
+        at_once=True,
     )
 
 

@@ -43,6 +43,10 @@ _FARTHEST = {
 }
 """[unit of the channel] least distance of values that are far off."""
 _SPIKE = 10.0  # usual steps from which on a step is a jump
+_AROUND = 5  # samples before and after a jump that tell whether it lasts
+_RESET = 1.0  # [m] least jump of a position that is said to be set anew
+_RESET_STEPS = 20.0  # usual steps that such a jump is longer than
+_MOST_RESETS = 20  # jumps; more of them are of another kind
 _CLIPPED = 5  # samples at the end of a range, from which on it is the sensor's
 _SATURATES = ("linear_velocity", "angular_velocity", "specific_force")
 """Channels of sensors with a range."""
@@ -109,12 +113,41 @@ def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
             places = places[:, :2]
             labels = ()
         _, rate = smoothed(position.undelayed_t, places, WINDOW, derivative=1)
-        for text in _too_fast(rate, _FASTEST_SWIM, "m/s", "mm, or cm", labels):
+        for text in (
+            *_too_fast(rate, _FASTEST_SWIM, "m/s", "mm, or cm", labels),
+            *_resets(position.undelayed_t, places),
+        ):
             yield "position", text
     if attitude is not None:
         _, omega = angular_rate(attitude, WINDOW)
         for text in _too_fast(omega, _FASTEST_TURN, "rad/s", "deg, or of another format"):
             yield "attitude", text
+
+
+def _resets(t: np.ndarray, places: np.ndarray) -> Iterator[str]:
+    """Check for jumps of a position (n, k) [m] at t (n,) [s], after which it goes on where it has come
+    to: an estimate that was set anew.
+    """
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    if len(steps) < 2 * _AROUND:
+        return
+    usual = float(np.percentile(steps, _FOR_LONG))
+    is_jump = (steps > max(_RESET, _RESET_STEPS * usual)) & (steps > _FASTEST_SWIM * np.diff(t))
+    jumps = np.flatnonzero(is_jump)
+    lasting = []
+    for k in jumps:
+        before = places[max(0, k + 1 - _AROUND) : k + 1]
+        after = places[k + 1 : k + 1 + _AROUND]
+        if min(len(before), len(after)) < _AROUND:
+            continue
+        if np.linalg.norm(np.median(after, axis=0) - np.median(before, axis=0)) > steps[k] / 2:
+            lasting.append(k)
+    if 0 < len(lasting) <= _MOST_RESETS:
+        first = lasting[0]
+        yield (
+            f"jumps by {steps[first]:.3g} m at {t[first + 1]:.4g} s and goes on from there,"
+            f" {len(lasting)} times in all: set anew? give recordings before and after"
+        )
 
 
 def _times(name: str, channel: Channel) -> Iterator[str]:

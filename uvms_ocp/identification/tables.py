@@ -32,7 +32,12 @@ from uvms_ocp.identification.array_orientation import (
     oriented,
 )
 from uvms_ocp.identification.file_kinds import kind_of
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
+from uvms_ocp.identification.recording import (
+    CHANNEL_KINDS,
+    Channel,
+    Recording,
+    stated_by_format,
+)
 from uvms_ocp.identification.text_files import MOST_ROWS
 from uvms_ocp.identification.text_tables import (
     TextFormat,
@@ -64,6 +69,8 @@ class TableColumns:
     """Sentences on parts of the file that were left out."""
     layout: str = ""
     """Layout that was detected, in words."""
+    stated_unit: str = ""
+    """Units of values that the file states and the channel may have."""
     notes: tuple[str, ...] = ()
     """Statements of the file about these columns, such as a scale, that were applied in reading
     them.
@@ -405,7 +412,9 @@ def stored_recording(path: Path) -> Recording:
     for name, columns in columns_by_channel.items():
         rows = read_columns(path, [_TIME, *columns])
         channels[name] = _channel(f"{path}: {name}", rows)
-    return Recording(name=path.name.partition(".")[0], channels=channels)
+    return Recording(
+        name=path.name.partition(".")[0], channels=channels, stated=stated_by_format(channels)
+    )
 
 
 def _channel(where: str, rows: np.ndarray) -> Channel:

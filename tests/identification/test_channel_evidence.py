@@ -1,0 +1,90 @@
+"""What the reading of each channel rests on: a mapping states it, other channels show it, or it is
+assumed; what is doubted is never shown.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from motions import changed, recorded
+
+from uvms_ocp.identification.channel_evidence import ASPECTS, channel_evidence
+from uvms_ocp.identification.channel_mapping import RecordingMapping
+from uvms_ocp.identification.mapped_recordings import mapped_recording
+from uvms_ocp.identification.reading import read_recording
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.tables import write_columns, write_recording
+
+
+def statuses(recording: Recording) -> dict[tuple[str, str], str]:
+    """Return the status of each aspect of each channel."""
+    return {(entry.channel, entry.aspect): entry.status for entry in channel_evidence(recording)}
+
+
+def test_every_aspect_of_every_channel_has_one_status() -> None:
+    recording = recorded()
+    assert set(statuses(recording)) == {
+        (name, aspect) for name in recording.channels for aspect in ASPECTS
+    }
+
+
+def test_channels_that_agree_show_units_axes_and_clocks() -> None:
+    status = statuses(recorded())
+    for name in ("position", "linear_velocity", "angular_velocity"):
+        for aspect in ("unit", "axes", "time"):
+            assert status[name, aspect] == "shown"
+    assert status["angular_velocity", "delay"] == "shown"
+    assert status["position", "source"] == "assumed"
+
+
+def test_a_channel_alone_shows_nothing() -> None:
+    recording = recorded()
+    alone = Recording(name="alone", channels={"position": recording.channels["position"]})
+    assert set(statuses(alone).values()) == {"assumed"}
+
+
+def test_what_is_doubted_is_not_shown() -> None:
+    recording = recorded()
+    values = 1.2 * recording.channels["linear_velocity"].values
+    entries = channel_evidence(changed(recording, "linear_velocity", values=values))
+    of_velocity = [entry for entry in entries if entry.channel == "linear_velocity"]
+    assert {entry.status for entry in of_velocity} == {"assumed"}
+    assert all("doubted" in entry.evidence for entry in of_velocity)
+
+
+def test_a_mapping_and_a_header_state_what_they_say(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    columns = {"t [s]": np.arange(0.0, 30.0, 0.1)}
+    for name in ("roll [deg]", "pitch [deg]", "yaw [deg]"):
+        columns[name] = 10.0 * np.sin(columns["t [s]"])
+    write_columns(path, columns)
+    keys = {"time": "t [s]", "columns": list(columns)[1:], "format": "rpy", "delay": 0.1}
+    mapping = RecordingMapping.model_validate({"channels": {"attitude": keys}})
+    recording = mapped_recording(path, mapping)
+    by_aspect = {entry.aspect: entry for entry in channel_evidence(recording)}
+    assert by_aspect["unit"].status == "known"
+    assert by_aspect["unit"].evidence == "deg, as the file says"
+    assert by_aspect["axes"].evidence == "format: rpy of the mapping"
+    assert by_aspect["delay"].evidence == "delay: 0.1 of the mapping"
+    assert by_aspect["offset"].status == "assumed"
+
+
+def test_files_of_this_toolkit_state_all(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    write_recording(recorded(), path)
+    assert set(statuses(read_recording(path)).values()) == {"known"}
+
+
+def test_check_recording_gives_them_as_data(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from uvms_ocp.cli.commands import app
+
+    path = tmp_path / "own.csv"
+    write_recording(recorded(), path)
+    result = CliRunner().invoke(app, ["check-recording", str(path), "--json"])
+    data = json.loads(result.stdout)["own"]["evidence"]
+    assert data[0]["status"] == "known"
+    assert {entry["aspect"] for entry in data} == set(ASPECTS)

@@ -1,0 +1,171 @@
+"""Channels are of one motion, one sender, one order of angles and fine numbers, or it is said; what a
+gyro reads is estimated with its errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from motions import changed, recorded
+
+from uvms_ocp.identification.channel_mapping import RecordingMapping
+from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.euler_orders import AXES
+from uvms_ocp.identification.mapped_recordings import mapped_recording
+from uvms_ocp.identification.proposed_mapping import propose_mapping
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.tables import write_columns
+from uvms_ocp.identification.turning_checks import estimated_gyro_mounting
+
+NOISE = 0.01  # [m, m/s, rad/s]
+
+
+def noisy(seed: int = 0) -> Recording:
+    """Draw a sound recording with noise in all channels but the attitude."""
+    recording = recorded(seed=seed, t_end=60.0)
+    rng = np.random.default_rng(seed)
+    for name in ("position", "linear_velocity", "angular_velocity"):
+        values = recording.channels[name].values
+        noise = NOISE * rng.normal(size=values.shape)
+        recording = changed(recording, name, values=values + noise)
+    return recording
+
+
+def doubts(recording: Recording) -> str:
+    """Join all doubts about a recording."""
+    return "; ".join(map(str, check_data_quality(recording)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sound_recordings_are_not_doubted(seed: int) -> None:
+    assert doubts(noisy(seed)) == ""
+
+
+@pytest.mark.parametrize("name", ["linear_velocity", "angular_velocity", "position"])
+def test_a_channel_of_another_run_is_said(name: str) -> None:
+    values = noisy(3).channels[name].values
+    text = doubts(changed(noisy(), name, values=values))
+    assert "is explained by the other; of another run, vehicle or clock?" in text
+
+
+def test_what_stands_still_is_of_no_other_motion() -> None:
+    recording = noisy()
+    rng = np.random.default_rng(1)
+    still = np.array([1.0, 2.0, -3.0]) + 0.02 * rng.normal(size=(1200, 3))
+    recording = changed(recording, "position", values=still)
+    recording = changed(recording, "linear_velocity", values=0.02 * rng.normal(size=(1200, 3)))
+    assert "of another run" not in doubts(recording)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.2])
+def test_two_senders_that_the_file_does_not_name_are_said(share: float) -> None:
+    recording = noisy()
+    rng = np.random.default_rng(2)
+    values = recording.channels["position"].values
+    is_other = rng.uniform(size=(len(values), 1)) < share
+    distance = np.array([3.0, 4.0, 0.0])
+    mixed = np.where(is_other, values + distance, values)
+    text = doubts(changed(recording, "position", values=mixed))
+    assert text.startswith("position: goes to and fro between two series, 5 m apart")
+
+
+def test_a_position_that_is_set_anew_is_said() -> None:
+    recording = noisy()
+    channel = recording.channels["position"]
+    values = channel.values + np.where(channel.t[:, None] > 30.0, [3.0, 0.0, 0.0], 0.0)
+    text = doubts(changed(recording, "position", values=values))
+    assert text.startswith("position: jumps by ")
+    assert "m at 30.05 s and goes on from there, 1 times in all" in text
+
+
+def test_a_fix_that_is_held_for_some_rows_has_one_sender() -> None:
+    recording = noisy()
+    values = recording.channels["position"].values
+    held = values[np.arange(len(values)) // 5 * 5]
+    assert "two series" not in doubts(changed(recording, "position", values=held))
+
+
+def test_scale_axes_and_bias_of_a_gyro_come_back() -> None:
+    recording = noisy()
+    R = pin.rpy.rpyToMatrix(*np.deg2rad([5.0, -4.0, 8.0]))
+    bias = np.array([0.02, -0.03, 0.01])
+    values = 1.1 * recording.channels["angular_velocity"].values @ R + bias
+    mounting = estimated_gyro_mounting(changed(recording, "angular_velocity", values=values))
+    assert mounting is not None
+    assert abs(mounting.scale - 1.1) < 0.003
+    assert np.abs(mounting.turn - pin.log3(R)).max() < np.deg2rad(0.5)
+    assert np.abs(mounting.bias - bias).max() < 0.002
+
+
+def test_an_attitude_that_turns_by_itself_is_said_with_its_time() -> None:
+    recording = noisy()
+    channel = recording.channels["attitude"]
+    turn = pin.Quaternion(pin.rpy.rpyToMatrix(0.5, 0.0, 0.0))
+    values = channel.values.copy()
+    for k in np.flatnonzero((channel.t > 20.0) & (channel.t < 21.0)):
+        values[k] = (turn * pin.Quaternion(values[k])).coeffs()
+    text = doubts(changed(recording, "attitude", values=values))
+    assert "attitude: turns otherwise than the angular_velocity at 19.75 s" in text
+
+
+@pytest.mark.parametrize("scale", [0.95, 1.05, 1.15])
+def test_a_scale_of_a_gyro_is_said_with_its_cure(scale: float) -> None:
+    recording = noisy()
+    values = scale * recording.channels["angular_velocity"].values
+    text = doubts(changed(recording, "angular_velocity", values=values))
+    assert "times the rate at which the attitude turns: give it scale: " in text
+    cured = float(text.partition("give it scale: ")[2])
+    assert abs(cured * scale - 1.0) < 0.003
+
+
+@pytest.mark.parametrize("form", ["rpy 3-1-2", "rpy 2-1-3", "rpy 1-2-3", "rpy 1-3-2", "rpy 2-3-1"])
+def test_map_reads_angles_in_their_order(tmp_path: Path, form: str) -> None:
+    from scipy.spatial.transform import Rotation
+
+    recording = noisy()
+    axes = AXES[form]
+    angles = np.empty((1200, 3))
+    rotation = Rotation.from_quat(recording.channels["attitude"].values)
+    angles[:, axes] = rotation.as_euler("".join("XYZ"[axis] for axis in axes))
+    columns = {"t": recording.channels["attitude"].t}
+    columns |= dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
+    for name, labels in {
+        "position": "x y z",
+        "linear_velocity": "vx vy vz",
+        "angular_velocity": "wx wy wz",
+    }.items():
+        columns |= dict(zip(labels.split(), recording.channels[name].values.T, strict=True))
+    path = tmp_path / "angles.csv"
+    write_columns(path, columns)
+    text = propose_mapping(path)
+    assert f"format: {form}" in text
+    assert "doubtful" not in text
+    keys = {"time": "t", "columns": ["roll", "pitch", "yaw"], "format": form}
+    mapping = RecordingMapping.model_validate({"channels": {"attitude": keys}})
+    read = Rotation.from_quat(mapped_recording(path, mapping).channels["attitude"].values)
+    assert (read * rotation.inv()).magnitude().max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "step"), [("position", 0.2), ("linear_velocity", 0.1), ("angular_velocity", 0.1)]
+)
+def test_a_column_of_few_digits_is_said(name: str, step: float) -> None:
+    recording = noisy()
+    values = recording.channels[name].values.copy()
+    values[:, 2] = step * np.round(values[:, 2] / step)
+    text = doubts(changed(recording, name, values=values))
+    assert f"{name}: z changes in steps of {step:g} " in text
+
+
+def test_digits_that_sensors_have_are_enough() -> None:
+    recording = noisy()
+    channels = {}
+    for name, digits in {"position": 2, "linear_velocity": 3, "angular_velocity": 3}.items():
+        channel = recording.channels[name]
+        channels[name] = replace(channel, values=np.round(channel.values, digits))
+    recording = replace(recording, channels={**recording.channels, **channels})
+    assert doubts(recording) == ""

@@ -1,0 +1,154 @@
+"""List what the reading of each channel rests on: what is *known*, as the file or a mapping states it;
+what is *shown*, as other channels agree with it, by how much; and what is *assumed*.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.identification.data_quality import QualityIssue, check_data_quality
+from uvms_ocp.identification.gravity_checks import G
+from uvms_ocp.identification.mounting_checks import estimated_mounting
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
+from uvms_ocp.identification.turning_checks import estimated_gyro_mounting
+
+ASPECTS = ("source", "unit", "axes", "time", "delay", "offset")
+"""What there is to know of a channel: where its numbers come from, their unit and scale, the frame, the
+order and the signs of its columns, the unit and the beginning of its times, by how much these are
+late, and what is added to its values.
+"""
+_MIN_SHARE = 0.8  # of a motion that is explained, from which on it shows anything
+_NEAR_G = (0.9, 1.1)  # shares of G that show the unit of an accelerometer
+_VERTICAL = 0.9  # share of the mean force along z that shows its vertical axis
+_SAME = {
+    "source": "the columns that are named, taken for this channel",
+    "unit": "that of the channel",
+    "axes": "those of the channel, in its order",
+    "time": "s, of one clock with the other channels",
+    "delay": "none",
+    "offset": "none, no scale either",
+}
+"""What is assumed of each aspect where nothing is stated."""
+
+_Shown = Mapping[tuple[str, str], str]
+"""Evidence by channel and aspect."""
+
+
+@checked_dataclass()
+class Evidence:
+    """What one aspect of a channel's reading rests on."""
+
+    channel: str
+    """Name of the channel, as in `CHANNEL_KINDS`."""
+    aspect: str
+    """One of `ASPECTS`."""
+    status: Literal["known", "shown", "assumed"]
+    """``known`` from the file or the mapping, ``shown`` by other channels, else ``assumed``."""
+    evidence: str
+    """What states it, what shows it and how well, or what is assumed."""
+
+
+@checked
+def channel_evidence(
+    recording: Recording, issues: Sequence[QualityIssue] | None = None
+) -> tuple[Evidence, ...]:
+    """List for each channel of a recording what each aspect of its reading rests on.
+
+    issues: doubts about the recording, where they are known already. What a doubt is about is not
+    shown, whatever agrees with it.
+    """
+    if issues is None:
+        issues = check_data_quality(recording)
+    doubted = {issue.channel for issue in issues}
+    shown = dict(_shown(recording))
+    rows = []
+    for name in recording.channels:
+        stated = recording.stated.get(name, {})
+        for aspect in ASPECTS:
+            status: Literal["known", "shown", "assumed"]
+            if aspect in stated:
+                status = "known"
+                text = stated[aspect]
+            elif (name, aspect) in shown and name not in doubted:
+                status = "shown"
+                text = shown[name, aspect]
+            else:
+                status = "assumed"
+                text = _SAME[aspect]
+                if aspect == "unit" and CHANNEL_KINDS[name].unit:
+                    text = CHANNEL_KINDS[name].unit
+                if name in doubted:
+                    text = f"{text}; the channel is doubted"
+            rows.append(Evidence(channel=name, aspect=aspect, status=status, evidence=text))
+    return tuple(rows)
+
+
+def _shown(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
+    """Yield what channels show of each other."""
+    yield from _by_velocity(recording)
+    yield from _by_gyro(recording)
+    force = recording.channels.get("specific_force")
+    if force is not None:
+        size = float(np.median(np.linalg.norm(force.values, axis=1)))
+        if _NEAR_G[0] < size / G < _NEAR_G[1]:
+            yield ("specific_force", "unit"), f"{size:.3g} m/s2 in the median, as at rest"
+        mean = force.values.mean(axis=0)
+        if mean[2] > _VERTICAL * np.linalg.norm(mean):
+            share = mean[2] / np.linalg.norm(mean)
+            yield ("specific_force", "axes"), f"z: {100 * share:.0f} % of its mean points up"
+
+
+def _by_velocity(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
+    """Yield what position, velocity and attitude show of each other."""
+    needed = ("position", "linear_velocity", "attitude")
+    if not set(needed) <= recording.channels.keys():
+        return
+    if any(recording.channels[name].constants for name in needed):
+        return
+    mounting = estimated_mounting(recording)
+    if mounting is None or mounting.share < _MIN_SHARE:
+        return
+    share = f"{100 * mounting.share:.1f} % of the ways of two seconds explained"
+    scale = f"{mounting.scale:.3f} +- {mounting.scale_sigma:.3f} times the way of the other, but for an error that both have"
+    turn = _angles(mounting.turn, mounting.turn_sigma)
+    for name in needed:
+        if name != "attitude":
+            yield (name, "unit"), f"{scale}; {share}"
+        yield (name, "axes"), f"turned by {turn} deg; {share}"
+        yield (name, "time"), share
+
+
+def _by_gyro(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
+    """Yield what gyro and attitude show of each other."""
+    if not {"attitude", "angular_velocity"} <= recording.channels.keys():
+        return
+    if recording.channels["angular_velocity"].constants:
+        return
+    mounting = estimated_gyro_mounting(recording)
+    if mounting is None or mounting.share < _MIN_SHARE:
+        return
+    share = f"{100 * mounting.share:.1f} % of the turns of a second explained"
+    scale = f"{mounting.scale:.3f} +- {mounting.scale_sigma:.3f} times the turns of the attitude"
+    turn = _angles(mounting.turn, mounting.turn_sigma)
+    biases = []
+    for axis, bias, sigma in zip("xyz", mounting.bias, mounting.bias_sigma, strict=True):
+        biases.append(f"{axis} {bias:.4f} +- {sigma:.4f}")
+    delay = f"{mounting.delay:.3f} +- {mounting.delay_sigma:.3f} s against the attitude"
+    yield ("angular_velocity", "unit"), f"{scale}; {share}"
+    yield ("angular_velocity", "offset"), f"bias of {', '.join(biases)} rad/s"
+    yield ("angular_velocity", "delay"), delay
+    for name in ("angular_velocity", "attitude"):
+        yield (name, "axes"), f"turned by {turn} deg against the other; {share}"
+        yield (name, "time"), share
+
+
+def _angles(turn: Sequence[float] | np.ndarray, sigma: Sequence[float] | np.ndarray) -> str:
+    """Write a rotation vector (3,) [rad] with standard errors (3,) [rad] in degrees."""
+    parts = []
+    for axis, angle, error in zip("xyz", np.rad2deg(turn), np.rad2deg(sigma), strict=True):
+        parts.append(f"{axis} {angle:.1f} +- {error:.1f}")
+    return ", ".join(parts)
