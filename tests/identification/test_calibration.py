@@ -26,12 +26,13 @@ from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.calibration_robot import calibrated_robot, with_delays
 from uvms_ocp.identification.estimates import Noise
 from uvms_ocp.identification.fit import FitContext, Search
-from uvms_ocp.identification.held_constants import constant_slopes
+from uvms_ocp.identification.held_constants import constant_slopes, held_constants
 from uvms_ocp.identification.identified_numbers import MISSES, numbers
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.parameters import DELAYS, Unknowns
 from uvms_ocp.identification.prediction_errors import errors
-from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import rotations
 from uvms_ocp.identification.results import report_data, report_text
 from uvms_ocp.identification.robot_variant import variant_text, whole_text
 from uvms_ocp.identification.rollout import Rollout
@@ -262,6 +263,7 @@ def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_i
         "attitude_turn",
         "attitude_offset",
         "rate_bias",
+        "velocity scale",
         "noise process",
     )
     seen = ("bias", "wrench_offset", "current")
@@ -271,6 +273,7 @@ def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_i
         **dict.fromkeys((*assumed, *seen), "assumed"),
         **dict.fromkeys(given, "given"),
         **filed,
+        "rate scale": "shown",  # by the attitude, where no position shows that of the velocity
     }
     change = {constant.quantity: constant.change for constant in found.constants}
     assert change["wrench_offset"] == change["bias"] > 1.0
@@ -323,6 +326,41 @@ def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
         ends.append(problem.solve(problem.resumed(found.estimate), tolerance=1e-9).shared)
     expected = 2.0 * size * slopes[:, names.index("current x")]
     assert np.abs(ends[1] - ends[0] - expected).max() < 0.1 * np.abs(expected).max()
+
+
+def test_a_scale_that_the_position_contradicts_leaves_open_what_depends_on_it() -> None:
+    settings, recording, found = case()
+    velocity = recording.channels["linear_velocity"]
+    R = rotations(recording.channels["attitude"], velocity.t)
+    in_world = np.einsum("nij,nj->ni", R, velocity.values)
+    steps = np.diff(velocity.t)[:, None] * (in_world[1:] + in_world[:-1]) / 2
+    way = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    sigmas = []
+    for scale in (1.0, 1.15):
+        position = Channel(t=velocity.t, values=way / scale - [0.0, 0.0, 20.0])
+        channels = {**recording.channels, "position": position}
+        with_position = replace(recording, channels=channels)
+        auv = found.subject.vehicle
+        fitted = FitContext(
+            vehicle=auv,
+            rollout=Rollout(stage_of(auv, sharp=True)),
+            prepared=(PreparedRecording.of(with_position, auv),),
+            noise=Noise(**settings.noise.model_dump()),
+            search=Search(step=settings.step, segment_length=settings.stretch),
+            estimate=replace(found.estimate, assumed=0.0),
+        )
+        estimate, constants = held_constants(fitted, settings, found.inflation)
+        constant = next(entry for entry in constants if entry.quantity == "velocity scale")
+        assert constant.known == "shown"
+        assert constant.spread == pytest.approx(scale - 1.0, abs=0.01)
+        found_numbers = numbers(auv, estimate, found.inflation)
+        sigmas.append({entry.name: entry.sigma for entry in found_numbers})
+    alone = numbers(auv, fitted.estimate, found.inflation)
+    sigma = next(entry.sigma for entry in alone if entry.name == constant.most_changed)
+    wider, narrower = sigmas[1][constant.most_changed], sigmas[0][constant.most_changed]
+    assert constant.change > 1.0
+    assert wider**2 - narrower**2 == pytest.approx((constant.change * sigma) ** 2, rel=0.05)
+    assert all(sigmas[1][name] >= sigma for name, sigma in sigmas[0].items())
 
 
 @pytest.mark.slow

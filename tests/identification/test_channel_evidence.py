@@ -52,6 +52,8 @@ def test_what_is_doubted_is_not_shown() -> None:
     of_velocity = [entry for entry in entries if entry.channel == "linear_velocity"]
     assert {entry.status for entry in of_velocity} == {"assumed"}
     assert all("doubted" in entry.evidence for entry in of_velocity)
+    of_position = [entry.status for entry in entries if entry.channel == "position"]
+    assert set(of_position) == {"assumed"}
 
 
 def test_a_mapping_and_a_header_state_what_they_say(tmp_path: Path) -> None:

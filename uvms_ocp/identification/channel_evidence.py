@@ -4,7 +4,7 @@ what is *shown*, as other channels agree with it, by how much; and what is *assu
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from typing import Literal
 
 import numpy as np
@@ -64,7 +64,7 @@ def channel_evidence(
     if issues is None:
         issues = check_data_quality(recording)
     doubted = {issue.channel for issue in issues}
-    shown = dict(_shown(recording))
+    shown = dict(_shown(recording, doubted))
     rows = []
     for name in recording.channels:
         stated = recording.stated.get(name, {})
@@ -87,10 +87,12 @@ def channel_evidence(
     return tuple(rows)
 
 
-def _shown(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
-    """Yield what channels show of each other."""
-    yield from _by_velocity(recording)
-    yield from _by_gyro(recording)
+def _shown(recording: Recording, doubted: Set[str]) -> Iterator[tuple[tuple[str, str], str]]:
+    """Yield what channels show of each other; a doubted one shows nothing of others."""
+    if not doubted & {"position", "linear_velocity", "attitude"}:
+        yield from _by_velocity(recording)
+    if not doubted & {"attitude", "angular_velocity"}:
+        yield from _by_gyro(recording)
     force = recording.channels.get("specific_force")
     if force is not None:
         size = float(np.median(np.linalg.norm(force.values, axis=1)))

@@ -14,9 +14,11 @@ from uvms_ocp.identification.estimates import Estimate
 from uvms_ocp.identification.fit import FitContext
 from uvms_ocp.identification.identified_numbers import slopes_of
 from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.mounting_checks import Mounting, estimated_mounting
 from uvms_ocp.identification.parameters import Declaration, Unknowns
 from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.settings import CalibrationSettings
+from uvms_ocp.identification.turning_checks import GyroMounting, estimated_gyro_mounting
 
 _SPREADS = {
     "gain": 0.03,
@@ -43,6 +45,11 @@ _FILED = ("mass", "centre_of_mass", "second_moment")
 """Constants of the robot's file."""
 _SEEN = ("bias", "current")
 """Assumed constants that are no part of intervals: recordings show them where they are not 0."""
+_SCALES = ("velocity scale", "rate scale")
+"""Scales of measured channels, which a fit takes for 1."""
+_SCALE_SPREAD = 0.01  # assumed standard deviation of a scale that no other channel shows
+_SCALE_STEP = 0.01  # by which a channel is scaled to see what that changes
+_MIN_SHARE = 0.8  # of a motion that must be explained, so that it shows a scale
 _NEXT_TO_NOTHING = 1e-9  # [1 / unknowns^2] of information, so that no matrix is singular
 _NOISES = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
 """Standard deviations of noise that weigh samples, with their units; each is doubled to see its
@@ -55,9 +62,13 @@ class HeldConstant:
     """A quantity that a fit held, and its effect on the numbers."""
 
     quantity: str
-    """Name of the quantity; of noise with the word before it, as ``noise velocity``."""
+    """Name of the quantity; of noise with the word before it, as ``noise velocity``; of a channel's
+    scale with the word after it, as ``velocity scale``.
+    """
     known: str
-    """``given`` by the settings, of the ``robot's file``, or ``assumed``."""
+    """``given`` by the settings, of the ``robot's file``, ``shown`` by other channels, or
+    ``assumed``.
+    """
     spread: float
     """Assumed standard deviation, relative or in [s], [m] or [rad]; for noise the relative increase
     that is looked at.
@@ -67,7 +78,7 @@ class HeldConstant:
     change: float
     """[standard errors] change of that number."""
     value: float = 0.0
-    """[unit] value of a noise in the fit; 0 for other constants, which the declaration has."""
+    """[unit] value of a noise or a scale in the fit; 0 for other constants, which the declaration has."""
     unit: str = ""
     """Unit of `value`."""
 
@@ -106,6 +117,22 @@ def held_constants(
                         change=change,
                     )
                 )
+    for name, moved in _moved_by_scales(fitted):
+        known, spread = _scale_spread(name, fitted)
+        moved = spread * moved
+        assumed = assumed + moved @ moved.T
+        number, change = effects.largest(moved)
+        constants.append(
+            HeldConstant(
+                quantity=name,
+                known=known,
+                spread=spread,
+                most_changed=number,
+                change=change,
+                value=1.0,
+                unit="-",
+            )
+        )
     constants += _noise_constants(fitted, settings, effects)
     return replace(fitted.estimate, assumed=assumed), tuple(constants)
 
@@ -184,6 +211,47 @@ class _Effects:
         """
         changes = np.linalg.norm(self._slopes @ moved, axis=1) / self._errors
         return self._names[int(np.argmax(changes))], float(changes.max())
+
+
+def _moved_by_scales(fitted: FitContext) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield each scale of a measured channel with the slopes (n, 1) of the unknowns with it."""
+    factor = 1.0 + _SCALE_STEP
+    for name in _SCALES:
+        prepared = []
+        for part in fitted.prepared:
+            if name == "rate scale":
+                rate = replace(part.rate, values=factor * part.rate.values)
+                prepared.append(replace(part, rate=rate))
+            else:
+                velocity = part.recording.channel("linear_velocity")
+                velocity = replace(velocity, values=factor * velocity.values)
+                channels = {**part.recording.channels, "linear_velocity": velocity}
+                recording = replace(part.recording, channels=channels)
+                prepared.append(replace(part, recording=recording))
+        problem = replace(fitted, prepared=tuple(prepared)).problem()
+        point, _ = problem.stepped(problem.resumed(fitted.estimate))
+        yield name, (point.shared - fitted.estimate.shared)[:, None] / _SCALE_STEP
+
+
+def _scale_spread(name: str, fitted: FitContext) -> tuple[str, float]:
+    """Return how the scale of a channel is known, and by how much it may be off: as much as other
+    channels say that it is, with their standard error, at worst of all recordings.
+    """
+    spreads = []
+    for part in fitted.prepared:
+        channels = part.recording.channels
+        mounting: Mounting | GyroMounting | None = None
+        if name == "rate scale":
+            if {"attitude", "angular_velocity"} <= channels.keys():
+                mounting = estimated_gyro_mounting(part.recording)
+        elif {"attitude", "linear_velocity", "position"} <= channels.keys():
+            mounting = estimated_mounting(part.recording)
+        if mounting is not None and mounting.share > _MIN_SHARE:
+            spreads.append(float(np.hypot(mounting.scale - 1.0, mounting.scale_sigma)))
+    if len(spreads) < len(fitted.prepared):
+        spreads.append(_SCALE_SPREAD)
+    known = "assumed" if _SCALE_SPREAD in spreads else "shown"
+    return known, max(spreads)
 
 
 def _noise_constants(
