@@ -27,6 +27,7 @@ AXES = {
 }
 """Axes of the turns, one after the other, by formats of an attitude."""
 _LEAST_LEFT = 0.0005  # share of the motion that is left unexplained by noise alone
+_MOST_LEFT = 0.7  # share beyond which something else than an order is wrong
 _MUCH_LESS = 0.5  # share of what is left unexplained, which is left with the right order
 _LITTLE = 0.05  # share that is left unexplained with the right order, at most
 _NO_MORE = 1.1  # factor by which it may grow for another channel
@@ -48,7 +49,7 @@ def of_order(recording: Recording) -> Iterator[tuple[str, str]]:
     if "attitude" not in recording.channels:
         return
     present = _unexplained(recording)
-    if not present or max(present.values()) < _LEAST_LEFT:
+    if not present or not _LEAST_LEFT < max(present.values()) < _MOST_LEFT:
         return
     attitude = recording.channels["attitude"]
     angles = _angles(attitude.values)
