@@ -10,7 +10,13 @@ import pytest
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.robot.assembly import mount, without_arm
-from uvms_ocp.robot.description import LinkDescription, Sphere
+from uvms_ocp.robot.description import (
+    Channel,
+    LinkDescription,
+    SensorDescription,
+    Sphere,
+    checked_copy,
+)
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.link_boxes import cylinders_around_links
 from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot
@@ -170,6 +176,28 @@ def test_parts_that_do_not_fit_are_refused() -> None:
         mount(load_robot("girona_maris7"), arm, X_BA, flange="tool0")
     with pytest.raises(InvalidInput, match="only a free-flyer has a vehicle"):
         without_arm(arm)
+
+
+def test_what_a_file_says_of_all_joints_is_mounted_with_them() -> None:
+    sensors: dict[Channel, SensorDescription | None] = {
+        "joint_positions": SensorDescription(rate=25.0, sigma=0.01),
+        "joint_velocities": None,
+        "depth": SensorDescription(rate=3.0),
+    }
+    arm = arm_of("kinova")
+    description = checked_copy(arm.description, sensors=sensors, joint_efficiency=0.8)
+    arm = load_robot(
+        urdf=example_robot_data() / "robots" / ARMS["kinova"][0],
+        hydrodynamics=description,
+        base="fixed",
+        mimic="free",
+    )
+    vehicle = bare("bluerov2_alpha5")
+    mounted_description = mount(vehicle, arm, X_BA).description
+    joint_sensors = dict(sensors)
+    del joint_sensors["depth"]
+    assert mounted_description.joint_efficiency == 0.8
+    assert mounted_description.sensors == dict(vehicle.description.sensors) | joint_sensors
 
 
 def test_the_original_parts_do_not_change() -> None:

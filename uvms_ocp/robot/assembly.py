@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import pinocchio as pin
 
@@ -47,7 +48,7 @@ def mount(
     if flange is not None:
         flange_name = arm.model.frames[arm.frame_id(flange)].name
         _add_tool(vehicle, joined.model, prefix + flange_name)
-    description = _joined_description(vehicle.description, arm, links, prefix)
+    description = _joined_description(vehicle, arm, links, prefix)
     return joining.robot_of(joined, description, f"{vehicle.name}+{arm.name}")
 
 
@@ -125,9 +126,10 @@ def _add_tool(vehicle: Robot, model: pin.Model, at: str) -> None:
 
 
 def _joined_description(
-    vehicle: RobotDescription, arm: Robot, links: Mapping[str, LinkDescription] | None, prefix: str
+    robot: Robot, arm: Robot, links: Mapping[str, LinkDescription] | None, prefix: str
 ) -> RobotDescription:
     """Return the vehicle's description with that of the arm, whose names get a prefix."""
+    vehicle = robot.description
     joints = dict(vehicle.joints)
     for name, joint in arm.description.joints.items():
         joints[prefix + name] = joint
@@ -142,8 +144,30 @@ def _joined_description(
     arm_tools = [prefix + tool for tool in roles.tools_of(arm.description)]
     tools = (*roles.tools_of(vehicle), *arm_tools)
     return checked_copy(
-        vehicle, joints=joints, links=all_links, trim=tuple(trim), tool=tools or None
+        vehicle,
+        joints=joints,
+        links=all_links,
+        trim=tuple(trim),
+        tool=tools or None,
+        **_numbers_of_all_joints(robot, arm.description),
     )
+
+
+def _numbers_of_all_joints(vehicle: Robot, arm: RobotDescription) -> dict[str, Any]:
+    """Return what a description says of all joints at once, by key: what the arm states, where the
+    vehicle states none, and has no joints of its own.
+    """
+    if vehicle.n_joints:
+        return {}
+    stated = vehicle.description.sensors
+    sensors = dict(stated)
+    for channel in ("joint_positions", "joint_velocities"):
+        if channel in arm.sensors and channel not in stated:
+            sensors[channel] = arm.sensors[channel]
+    numbers: dict[str, Any] = {"sensors": sensors}
+    if vehicle.description.joint_efficiency == RobotDescription().joint_efficiency:
+        numbers["joint_efficiency"] = arm.joint_efficiency
+    return numbers
 
 
 def _base_only(robot: Robot) -> UrdfModels:
