@@ -18,7 +18,8 @@ load_json = partial(json.loads, parse_int=float)
 def json_messages(
     path: Path, topics: Collection[str] | None, _: Path | None, remarks: list[str]
 ) -> Iterator[Message]:
-    """Yield the messages of some topics, or of all for None; a last line that breaks off is left out.
+    """Yield the messages of topics, `None` for all; a last line that breaks off is left out, with a
+    remark.
 
     Raises InvalidInput for too many lines, and for a line that is no JSON.
     """

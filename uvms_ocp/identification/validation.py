@@ -31,7 +31,7 @@ from uvms_ocp.identification.uncertainty import covariance
 from uvms_ocp.identification.whiteness import variance_inflation
 
 HORIZONS = (5.0, 20.0, 60.0)
-"""[s] over which recordings are predicted, the last one as long as they are."""
+"""[s] lengths of predictions; recordings that are shorter cut them."""
 OTHERS = "identified on the others"
 """Name of the predictor that was fitted to other recordings."""
 BEFORE = "before"
@@ -40,7 +40,7 @@ STATIC = NOTHING_MOVES
 """Name of the predictor that keeps the first attitude, with zero velocities."""
 BALANCE = "static balance"
 """Name of the predictor that rests where weight and buoyancy balance, with zero velocities."""
-_DRAWS = 12  # of the unknowns, by their covariance
+_DRAWS = 12  # number of draws of the unknowns by their covariance
 
 
 def leave_one_out(
@@ -52,8 +52,8 @@ def leave_one_out(
     """Hold out and predict each recording; horizons [s]; progress gets a line for each.
 
     bounds: vehicles that have seen all recordings, whose predictions are added. The search on the
-    remaining recordings begins where the vehicle is declared: it knows nothing of the recording
-    that is left out. Raises `InvalidInput` where there is one recording alone.
+    remaining recordings begins at the vehicle as declared, so that it knows nothing of the
+    recording that is left out. Raises `InvalidInput` for a single recording.
     """
     if len({prepared.recording.source for prepared in fitted.prepared}) < 2:
         raise InvalidInput("one recording given; leave-one-out needs at least 2")
@@ -171,9 +171,7 @@ def _held_out(
 
 
 def without(fitted: FitContext, held: PreparedRecording) -> FitContext:
-    """Fit the other recordings alone, without other parts of the same, from where the vehicle is
-    declared.
-    """
+    """Fit the recordings from other sources alone, with the vehicle as declared for a start."""
     source = held.recording.source
     remaining = tuple(item for item in fitted.prepared if item.recording.source != source)
     estimate = search_fit(fitted.vehicle, remaining, fitted.noise, fitted.rollout, fitted.search)

@@ -1,4 +1,4 @@
-"""Reports and records of planned motions, of a smooth curve or of optimal control."""
+"""Make reports and records of planned motions: smooth curves, and plans of optimal control."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class PlannedMotion:
     """Samples of a planned motion, both ends included, and the distances at them."""
 
     request: PlanRequest | OcpRequest
-    """Request of what was to be planned, with which robot."""
+    """Robot, start, goal and surroundings that the motion was planned for."""
     scene: CollisionScene
     """Shapes among which it moves, and its axes."""
     t: Array
@@ -118,7 +118,7 @@ class PlannedMotion:
 
 
 def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
-    """Return the entries of a report that tell robot, surroundings and versions."""
+    """Return the entries of a report on robot, surroundings and versions."""
     shapes = shape_pairs.shapes_among(request.robot, request.obstacles)
     obstacle_metas = obstacles.describe_obstacles(request.obstacles)
     link_clearance = request.link_clearance
@@ -138,8 +138,8 @@ def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
 def nearest_entries(
     nearest: NearestPair | None, motion: PlannedMotion | OcpResult
 ) -> dict[str, Any]:
-    """Return the entries of a report that tell the smallest distance, and that to each obstacle and
-    between links; `None` where nothing is measured.
+    """Return the entries of a report on the smallest distance of all, and the smallest ones to each
+    obstacle and between links; values are `None` where nothing is measured.
     """
     if nearest is None:
         return {
@@ -233,6 +233,7 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
 
 
 def _curve_entries(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
+    """Return the entries of a report on a smooth curve that was found."""
     curve = plan.trajectory
     motion = _curve_motion(result, curve)
     ends = curve.evaluate([curve.start, curve.end])
@@ -292,6 +293,7 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
 
 
 def _curve_motion(result: PlanResult, curve: PiecewisePolynomial) -> PlannedMotion:
+    """Sample a smooth curve."""
     n = min(int(np.ceil(curve.duration / _PERIOD)) + 1, _MAX_ROWS)
     t, distances = clearance_along(CoalDistances(result.scene), curve, max(n, 2))
     q = result.scene.coordinates.configurations(curve.evaluate(t))
@@ -299,7 +301,7 @@ def _curve_motion(result: PlanResult, curve: PiecewisePolynomial) -> PlannedMoti
 
 
 def _nearest(plan: CollisionPlan, motion: PlannedMotion) -> NearestPair:
-    """Return the smallest distance, of the certificate or along the record."""
+    """Return the smallest distance that the certificate or the samples of the record have met."""
     return min(plan.clearance.nearest, motion.nearest, key=lambda nearest: nearest.distance)
 
 
@@ -308,8 +310,7 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
     """Return the content of ``report.json`` of optimal control: lengths in m, angles in rad, times
     in s, energy in J, thrust in N.
 
-    What is measured along the motion is `None` where the plan is not usable: no motion is there to
-    measure.
+    Energy, thrust, distances and errors of the motion are `None` where the plan is not usable.
     """
     request = result.request
     plan = result.plan
@@ -355,8 +356,8 @@ def ocp_record(result: OcpResult) -> Record:
     """Return a plan of optimal control as a record: t (n,) [s], q (n, n_q), v (n, n_v), axes ``x``
     and their rates, clearance, and efforts.
 
-    ``thrust`` and ``torque`` are those of the steps, ``thruster_energy`` and ``joint_energy`` what
-    was taken so far [J]. ``clearance`` (n, n_groups) is the smallest distance to each obstacle and
+    ``thrust`` and ``torque`` are those of the steps, ``thruster_energy`` and ``joint_energy`` the
+    energies taken so far [J]. ``clearance`` (n, n_groups) is the smallest distance to each obstacle and
     between links.
     """
     motion = _ocp_motion(result)
@@ -378,6 +379,7 @@ def ocp_record(result: OcpResult) -> Record:
 
 
 def _ocp_motion(result: OcpResult) -> PlannedMotion:
+    """Return the samples of a plan of optimal control."""
     t, q = result.samples
     return PlannedMotion(
         request=result.request, scene=result.scene, t=t, q=q, distances=result.distances

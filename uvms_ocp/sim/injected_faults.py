@@ -1,5 +1,5 @@
-"""Faults of a user's own, between the toolkit's parts or others: they change readings of sensors,
-and commands to the plant.
+"""Faults that users write: they stand between sensors, controller and plant, and change readings and
+commands.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class InjectedFault:
     """Changes of readings and commands, while the fault is there."""
 
     def active(self, t: float) -> bool:
-        """Check that it is there at time t [s]."""
+        """Check whether the fault is there at time t [s]."""
         return is_active(self.maker.onset, self.maker.end, t)
 
     def command(self, command: Command, t: float) -> Command:
@@ -58,7 +58,7 @@ class InjectedFault:
 
 
 class FaultyPlant(Plant):
-    """A plant that gets commands as faults change them."""
+    """A plant behind faults, which change its commands."""
 
     def __init__(self, plant: Plant, injected_faults: Sequence[InjectedFault]) -> None:
         self._plant = plant
@@ -67,7 +67,7 @@ class FaultyPlant(Plant):
         self.state = plant.state
 
     def step(self, command: Command, dt: float) -> None:
-        """Advance by dt [s], with the command that faults leave."""
+        """Advance by dt [s], with the command as active faults change it."""
         for fault in self._faults:
             if fault.active(self._t):
                 command = fault.command(command, self._t)
@@ -100,8 +100,8 @@ def inject_faults(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant,
 
 
 def require_fault(fault: Any) -> None:
-    """Raise `InvalidInput` for what is neither a `Fault` nor makes one of a user's own with an
-    onset before its end.
+    """Raise `InvalidInput` for a value that is neither a `Fault` nor a `FaultMaker` with an onset
+    before its end.
     """
     if isinstance(fault, Fault):
         return

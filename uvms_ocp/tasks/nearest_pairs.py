@@ -1,7 +1,7 @@
-"""Distances that a task asks to be measured: those of the pairs of shapes that come nearest.
+"""Distances of the pairs of shapes that come nearest, as parameters of a task.
 
-They have no symbolic form, so they enter a tick as numbers. The task says what it needs, the control
-layer measures it (`uvms_ocp.control.velocity.distances`).
+They have no symbolic form, so they enter a tick as numbers: the task says how many pairs it needs,
+and the control layer measures them (`uvms_ocp.control.velocity.distances`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 
 FAR = 1e3
-"""[m], [m/s] stands for distances and speeds that limit nothing."""
+"""[m], [m/s] distance or speed that limits nothing."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -38,18 +38,18 @@ class PairSymbols:
 class NearestPairs:
     """The pairs of shapes that come nearest on the way to rest. Raises `InvalidInput` for none.
 
-    What is measured of them are the last `n_parameters` parameters of a task that asks for them:
-    `symbols` reads them in its rows, `far_away` stands for them in its reference.
+    Their measured quantities are the last `n_parameters` parameters of the task: its rows read them
+    by `symbols`, and its reference has `far_away` in their place.
     """
 
     task: str
-    """Name of the task that asks."""
+    """Name of the task."""
     model: CollisionModel
     """Collision model with all pairs."""
     n: int
-    """Number of pairs that are measured at most."""
+    """Largest number of pairs that are measured."""
     threshold: float
-    """[m] distance by which the pairs stay apart."""
+    """[m] least distance that the pairs are to keep."""
 
     def __post_init__(self) -> None:
         if self.n < 1:
@@ -62,7 +62,7 @@ class NearestPairs:
 
     @property
     def n_rows(self) -> int:
-        """Pairs m that are measured."""
+        """Number m of pairs that are measured."""
         return min(self.n, self.model.n_pairs)
 
     @property
@@ -90,7 +90,7 @@ class NearestPairs:
         )
 
     def symbols(self, parameters: ca.SX) -> PairSymbols:
-        """Return the symbols of what is measured: the last parameters of a task."""
+        """Return the measured quantities among the parameters of a task, the last of them."""
         n = self.n_rows
         measured = parameters[-self.n_parameters :]
         return PairSymbols(

@@ -1,4 +1,4 @@
-"""Names as labels: short, and different where the names differ."""
+"""Make labels of names: short, and different where the names differ."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 from uvms_ocp.errors import plain_line
 
-_SEPARATORS = "_./- "  # of the parts of a name
+_SEPARATORS = "_./- "  # characters between the parts of a name
 
 
 def label_text(name: str, longest: int = 32) -> str:
-    """Return a name as a label of so many letters or fewer.
+    """Return a name as a label of at most `longest` letters.
 
-    Matplotlib keeps labels that begin with an underscore out of legends: these get a space before.
+    Matplotlib leaves labels that begin with an underscore out of legends: they get a space in front.
     """
     label = plain_line(name, longest)
     if label.startswith("_"):
@@ -21,10 +21,10 @@ def label_text(name: str, longest: int = 32) -> str:
 
 
 def label_texts(names: Sequence[str], longest: int = 32) -> list[str]:
-    """Return labels of so many letters or fewer that differ where names do.
+    """Return labels of at most `longest` letters that differ where names do.
 
-    Where names that are cut are the same, they lose the beginning that all of them share, then their
-    middles; names that are the same even so stand in full.
+    Names that are the same once they are cut lose the beginning that all share, then their middles;
+    where that does not tell them apart, all stand in full.
     """
     begin = _shared_beginning(names)
     candidates = (
@@ -39,7 +39,7 @@ def label_texts(names: Sequence[str], longest: int = 32) -> list[str]:
 
 
 def _shared_beginning(names: Sequence[str]) -> int:
-    """Count the letters of the whole words that all names begin with, and of what parts these."""
+    """Count the letters of the whole words that all names begin with, separators included."""
     shared = 0
     for k, letters in enumerate(zip(*names, strict=False)):
         if len(set(letters)) > 1:

@@ -28,7 +28,7 @@ _ROWS = {
     "x_snap": "snap",
 }
 """Names of the derivatives of a planned motion, by their series."""
-_FAR = 0.5  # [m] distances above this need no look
+_FAR = 0.5  # [m] least height of axes that leaves out larger distances
 _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -56,8 +56,8 @@ def figure_joint_motion(
 def figure_clearance(
     record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
-    """Draw the distance from each obstacle and between links along the path, and the clearance that
-    was wanted.
+    """Draw the distance from each obstacle and between links along the path, and the requested
+    clearance.
     """
     if "clearance" not in record.series or not record["clearance"].shape[1]:
         return None

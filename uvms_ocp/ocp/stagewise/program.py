@@ -32,8 +32,8 @@ class StagewiseProgram:
     """
 
     def __init__(self, transcription: Transcription) -> None:
-        """Raises `InvalidInput` for what couples all stages: a level above others with `relax`; and
-        for a start that is free.
+        """Raises `InvalidInput` for a level above others with `relax`, which couples all stages, and
+        for a free start.
         """
         relaxed_levels = _relaxed_levels(transcription.problem)
         if relaxed_levels:
@@ -47,14 +47,14 @@ class StagewiseProgram:
                 " use 'ipopt'"
             )
         if has_compiler():
-            # What all programs share begins before the functions of this one take all processors.
+            # Begin with the library of all programs, before functions of this one take all processors.
             start_beside(qp_library)
         self._whole = transcription
         self.levels = StagewiseLevels(StageMemory(transcription))
         if transcription.problem.hessian is HessianKind.EXACT:
             self.levels.memory.compile_curvature()
         if has_compiler():
-            # Before any clock runs:
+            # Wait for libraries here, not within the time limit of a solve.
             qp_library()
             calls_library()
         if waits_for_compiler():
@@ -62,7 +62,7 @@ class StagewiseProgram:
 
     @property
     def ranges(self) -> RowRanges:
-        """Ranges of the rows, for solves that are given none."""
+        """Default ranges of the rows."""
         return self._whole.ranges()
 
     @property
@@ -85,8 +85,8 @@ class StagewiseProgram:
         ]
 
     def level_model(self, tolerance: float) -> StagewiseLevelModel:
-        """Return the levels for steps in real time. tolerance [unit of the row]: by which the norm
-        of frozen rows may rise.
+        """Return the levels for steps in real time. tolerance [unit of the row]: largest rise of the
+        norm of frozen rows.
         """
         return StagewiseLevelModel(self.levels.memory, tolerance)
 
@@ -107,8 +107,8 @@ class StagewiseProgram:
 def program_for(
     plugin: str, transcription: Transcription
 ) -> LexicographicProgram | StagewiseProgram:
-    """Return the program of a transcription as a solver of that name takes it. Raises
-    `InvalidInput` as `StagewiseProgram` does.
+    """Return the program of a transcription for a solver by its name. Raises `InvalidInput` as
+    `StagewiseProgram` does.
     """
     if plugin == STAGEWISE:
         return StagewiseProgram(transcription)
@@ -116,8 +116,8 @@ def program_for(
 
 
 def stagewise_or(other_solver: str, problem: OcpProblem) -> str:
-    """Return the name of the solver stage by stage where it takes a problem and there is a
-    compiler, else the other.
+    """Return the name of the stagewise solver if it takes a problem and there is a compiler, else
+    the other.
     """
     couples_stages = (
         bool(_relaxed_levels(problem))
