@@ -101,25 +101,21 @@ def test_no_fault_of_an_encoder_makes_the_arm_whip(name: str, faults: str, dt: f
 
 @pytest.mark.slow
 @long_without_compiler
-@pytest.mark.parametrize(
-    ("faults", "dt", "most"),
-    [
-        ("joint2_position:bias=-0.5", 0.02, 1.25),
-        ("joint2_position:bias=-0.5", 0.05, 1.3),  # 1.27, where 1.2 is wanted
-        ("joint2_position:bias=0.3", 0.02, 1.25),
-        ("joint2_position:bias=0.3", 0.05, 1.25),
-    ],
-)
-def test_brakes_lock_an_arm_that_falls_from_a_posture_that_nothing_else_tells(
-    faults: str, dt: float, most: float
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("bias", [-0.5, 0.3])
+@pytest.mark.parametrize("dt", [0.02, 0.05])
+def test_an_encoder_that_jumps_and_is_believed_makes_no_arm_fall(
+    name: str, bias: float, dt: float
 ) -> None:
-    """A jump of 0.5 rad at 20 Hz was followed by 21 times the velocity limit, stop to stop."""
-    scenario = hover(ROBOTS[0], dt, faults, rates=None)
+    """Nothing else tells its posture: a jump of 0.5 rad at 20 Hz was followed by 21 times the velocity
+    limit, stop to stop, then by 1.3 times as brakes let go. It is taken to its place by what it reads.
+    """
+    scenario = hover(name, dt, f"joint2_position:bias={bias}", rates=None)
     record = scenario.run()
     rates = np.abs(record["v"][:, 6:]) / scenario.robot.limits.velocity[6:]
-    assert rates.max() <= most
+    assert rates.max() <= 1.02
     home = record["q"][0, 7:]
-    assert np.abs(record["q"][:, 7:] - home).max() <= 0.35
+    assert np.abs(record["q"][:, 7:] - home).max() <= abs(bias) + 0.1
 
 
 @pytest.mark.slow

@@ -6,13 +6,15 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import (
     FunctionField,
     Layout,
+    Sized,
+    Vector,
     arrays_of,
     column_view,
     structure_of,
@@ -48,10 +50,11 @@ _RATES = CHANNELS.index(JOINT_RATES)
 class ForceMemory(Layout):
     """Memory of a tick: functions, inputs, state and outputs."""
 
-    transfer: FunctionField
-    """Functions of a tick, in their order: `transfer_function`, `observe_function`,
+    carry: FunctionField
+    """Functions of a tick, in their order: `carry_function`, `transfer_function`, `observe_function`,
     `control_function` and `command_function` make them.
     """
+    transfer: FunctionField
     observe: FunctionField
     control: FunctionField
     command: FunctionField
@@ -65,6 +68,8 @@ class ForceMemory(Layout):
     """Largest share of their bandwidth that the loops of the joints may use."""
     joints_late: float
     """[s] delay of the encoders that is known."""
+    n_joint_q: int
+    """Entries of q that are of joints."""
     measures_joint_rates: bool
     """Sensors of their own tell the joints' rates."""
     # inputs of a tick; of `inputs` all but `joints`, which the tick finds
@@ -86,7 +91,11 @@ class ForceMemory(Layout):
     detection: FaultDetection
     overspeed: OverspeedMemory
     allocation: thrust_allocation.AllocationMemory
+    locked: bool
+    """Brakes have locked joints whose posture was known in the tick before."""
     # found
+    carried: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [N, N m] disturbance with which locked joints go on to be held."""
     transferred: tick_functions.ForceState
     """State at another share of the bandwidth, in a tick that changes it."""
     observed: tick_functions.ForceState
@@ -149,6 +158,7 @@ def force_step(force: ForceMemory) -> bool:
         if force.detection.joints.count > 0
         else force.inputs.hold[0] != 0.0
     )
+    _carry_locked(force)
     if _share_changes(force):
         force.transfer(force.inputs, force.state, force.transferred)
         force.observe(force.inputs, force.effectiveness, force.transferred, force.observed)
@@ -201,6 +211,25 @@ def apply_detected_effectiveness(force: ForceMemory) -> None:
             force.observed.integral[k] = 0.0
             force.observed.before[k] = 0.0
             force.inputs.reference[k] = 0.0
+
+
+def _carry_locked(force: ForceMemory) -> None:
+    """Go on to hold joints that were locked by the torque that they had: what changes in the posture of
+    an arm under its brakes is its readings, and no weight.
+    """
+    first = len(force.inputs.q) - force.n_joint_q
+    finite = True
+    for k in range(first):
+        force.inputs.q_before[k] = force.inputs.q[k]
+    for k in range(len(force.inputs.q)):
+        finite = finite and math.isfinite(force.inputs.q[k])
+    if force.locked and finite:
+        force.carry(force.inputs, force.state, force.carried)
+        for k in range(len(force.carried)):
+            force.state.estimate[k] = force.carried[k]
+    force.locked = finite and force.inputs.joints[0] == 0.0 and math.isfinite(force.joint_age)
+    for k in range(first, len(force.inputs.q)):
+        force.inputs.q_before[k] = force.inputs.q[k]
 
 
 def _share_changes(force: ForceMemory) -> bool:
@@ -413,6 +442,7 @@ class ForceTick:
         thrust_allocation.allocation_of(robot).write(memory.allocation)
         memory.detection.n_vehicle = robot.n_vehicle
         memory.detection.joints.count = robot.n_joints
+        memory.n_joint_q = robot.n_q - robot.joint_q.start
         memory.overspeed.count = robot.n_joints
         joint_limits = robot.limits.velocity[robot.joint_v].tolist()
         memory.overspeed.limit[: robot.n_joints] = joint_limits
@@ -447,6 +477,7 @@ def _sizes(laws: tick_functions.ForceLaws) -> dict[str, Any]:
         **detection_sizes(laws.robot, symbolic, search, period),
         **thrust_allocation.allocation_sizes(len(laws.robot.description.thrusters)),
         **laws.sizes,
+        "carry": tick_functions.with_gains(tick_functions.carry_function, laws),
         "transfer": tick_functions.with_gains(tick_functions.transfer_function, laws),
         "observe": tick_functions.with_gains(tick_functions.observe_function, laws),
         "control": tick_functions.with_gains(tick_functions.control_function, laws),

@@ -1,6 +1,6 @@
-"""Smooth parts of a tick of the force layer: four CasADi functions on columns of numbers.
+"""Smooth parts of a tick of the force layer: five CasADi functions on columns of numbers.
 
-`transfer_function` changes the bandwidth, `observe_function` finds the disturbance,
+`transfer_function` changes the bandwidth, `carry_function` what is borne at rest, `observe_function` finds the disturbance,
 `control_function` the force for the reference, and `command_function` the commands of thrusters and
 motors, with the allocation of thrust before it. The state of a tick goes in and comes out; nothing
 else is remembered.
@@ -59,6 +59,8 @@ class ForceInputs(Layout):
 
     q: Annotated[Array, Sized("n_q")]
     """(n_q,) [m, rad] measured."""
+    q_before: Annotated[Array, Sized("n_q")]
+    """(n_q,) [m, rad] as now, with the joints as measured in the tick before."""
     v: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] measured."""
     reference: Annotated[Array, Sized("n_v")]
@@ -279,6 +281,24 @@ def transfer_function(laws: ForceLaws) -> ca.Function:
     transferred = column_of(replace(state, share=share, integral=integral))
     return ca.Function(
         "transfer", list(x.values()), [ca.cse(transferred)], list(x), ["transferred"]
+    )
+
+
+def carry_function(laws: ForceLaws) -> ca.Function:
+    """Make ``inputs, state -> estimate``: the disturbance with which motors go on to give the torque that
+    holds joints at rest, though their measured posture has changed.
+    """
+    x, (inputs, state) = _symbols(laws, inputs=ForceInputs, state=ForceState)
+    estimate = state.estimate
+    if laws.observer is not None:
+        dynamics = laws.velocity.dynamics
+        rest = ca.SX(laws.robot.n_v, 1)
+        still = ca.SX(3, len(dynamics.links))
+        weights = [dynamics.bias_force(q, rest, still, still) for q in (inputs.q, inputs.q_before)]
+        carried = limited(estimate + weights[0] - weights[1], laws.observer.limit)
+        estimate = _by_part(laws, estimate, carried)
+    return ca.Function(
+        "carry", list(x.values()), [ca.cse(ca.densify(estimate))], list(x), ["estimate"]
     )
 
 
