@@ -25,7 +25,7 @@ from uvms_ocp.identification.message_columns import TopicColumns, _Rows
 from uvms_ocp.identification.message_fields import numbers_at, seconds_at, steps_of
 from uvms_ocp.identification.messages import topics_of
 from uvms_ocp.identification.recording import Recording
-from uvms_ocp.record import mcap_messages as mcap_records
+from uvms_ocp.record import mcap_reading as mcap_records
 
 pytest.importorskip("mcap", reason='needs pip install "uvms-ocp[rosbags]"')
 GOOD = recorded(t_end=5.0)

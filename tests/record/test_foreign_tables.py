@@ -15,8 +15,8 @@ import pytest
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.tables import read_columns
 from uvms_ocp.identification.text_files import LONGEST_LINE
-from uvms_ocp.record import mcap_messages as mcap_records, table_files as parquet_file
-from uvms_ocp.record.mcap_messages import mcap_messages, mcap_topics
+from uvms_ocp.record import mcap_reading as mcap_records, table_files as parquet_file
+from uvms_ocp.record.mcap_reading import mcap_messages, mcap_topics
 from uvms_ocp.record.record import Record
 
 RUN = Path(__file__).parents[1] / "records"

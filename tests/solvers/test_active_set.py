@@ -21,9 +21,9 @@ from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import certificate, normal_rows
+from uvms_ocp.solvers.hierarchy.iteration_budget import iteration_budget
 from uvms_ocp.solvers.hierarchy.level import Level, stack, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 
 COMPILED = LexicographicActiveSet()
 NUMPY = LexicographicActiveSet(compiled=False)

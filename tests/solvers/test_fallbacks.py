@@ -21,9 +21,9 @@ from uvms_ocp.solvers.hierarchy.active_set_numpy import SolvedRows, solve_levels
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import NormalRows, normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.core import STATUSES
+from uvms_ocp.solvers.hierarchy.iteration_budget import iteration_budget
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 
 COMPILED = LexicographicActiveSet()
 NUMPY = LexicographicActiveSet(compiled=False)

@@ -11,7 +11,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.json_logs import load_json
 from uvms_ocp.identification.logged_message import Message, connection_identity
 from uvms_ocp.identification.ros_logs import ros_decoder
-from uvms_ocp.record import mcap_messages
+from uvms_ocp.record import mcap_reading
 
 
 def mcap_contents(
@@ -20,7 +20,7 @@ def mcap_contents(
     """Yield the messages of some topics. Raises InvalidInput for an unknown encoding."""
     decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
     channels_of_topic = defaultdict[str, list[int]](list)
-    for schema, channel, message in mcap_messages.mcap_messages(path, topics):
+    for schema, channel, message in mcap_reading.mcap_messages(path, topics):
         key = (channel.message_encoding, channel.schema_id)
         if key not in decoders:
             decoders[key] = _decoder(channel, schema, definitions)

@@ -23,7 +23,7 @@ from uvms_ocp.identification.ros_logs import (
     sqlite_topics,
 )
 from uvms_ocp.identification.ulog_logs import ulog_messages, ulog_topics
-from uvms_ocp.record import mcap_messages, untrusted, yaml_file
+from uvms_ocp.record import mcap_reading, untrusted, yaml_file
 
 
 def messages(
@@ -79,7 +79,7 @@ class _Reader:
 
 
 _READERS = {
-    "mcap": _Reader(mcap_contents, mcap_messages.mcap_topics),
+    "mcap": _Reader(mcap_contents, mcap_reading.mcap_topics),
     "bag": _Reader(ros1_messages, ros1_topics),
     "sqlite": _Reader(sqlite_messages, sqlite_topics),
     "json": _Reader(json_messages, json_topics),

@@ -15,7 +15,7 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record import output, run_meta
-from uvms_ocp.record.mcap_messages import mcap_messages, require_mcap
+from uvms_ocp.record.mcap_reading import mcap_messages, require_mcap
 from uvms_ocp.record.ros_topics import CDR_HEAD, Topic, log_messages, ros_definition, topics
 from uvms_ocp.record.tables import column_units, flat_columns, series_description
 from uvms_ocp.record.untrusted import as_input_errors, require_regular_file

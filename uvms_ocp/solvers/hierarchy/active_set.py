@@ -15,6 +15,7 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.c_text import c_macros, constants_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import active_set_numpy, core, tolerances
+from uvms_ocp.solvers.hierarchy.iteration_budget import iteration_budget
 from uvms_ocp.types import Array
 
 
@@ -33,7 +34,7 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
     parts = [
         core.preamble(n, sizes),
         c_macros(constants_of(tolerances)),
-        c_macros(asdict(tolerances.iteration_budget(sum(sizes)))),
+        c_macros(asdict(iteration_budget(sum(sizes)))),
         f"enum {{ {', '.join(row_states)} }};\n",
         *core.texts_of("equalities.c", "active_set.c", "scaling.c", "certificate.c", "fallbacks.c"),
     ]

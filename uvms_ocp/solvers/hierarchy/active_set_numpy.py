@@ -28,6 +28,7 @@ from uvms_ocp.solvers.hierarchy.certificate import (
     normal_certificate,
     normal_rows,
 )
+from uvms_ocp.solvers.hierarchy.iteration_budget import iteration_budget
 from uvms_ocp.solvers.hierarchy.level import is_valid, residual, row_slices, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.types import Array, Indices, Mask
@@ -128,7 +129,7 @@ class _ActiveSet:
         self.state[above] = UPPER
         self.state[below] = LOWER
         pending = bool((above | below).any())
-        budget = tolerances.iteration_budget(len(self.A))
+        budget = iteration_budget(len(self.A))
         limit = min(budget.most_iterations, max_iterations)
         for iteration in range(1, limit + 1):
             if pending:
@@ -328,7 +329,7 @@ def solve_levels(
         active_set=attempts.active_set,
         status=status,
         residual=residual(J, v, lower, upper, gate),
-        iterations=tolerances.iteration_budget(len(J)).most_of_all - attempts.left,
+        iterations=iteration_budget(len(J)).most_of_all - attempts.left,
     )
 
 
@@ -339,7 +340,7 @@ class _Attempts:
 
     def __init__(self, rows: NormalRows) -> None:
         self.rows = rows
-        self.left = tolerances.iteration_budget(len(rows.J)).most_of_all
+        self.left = iteration_budget(len(rows.J)).most_of_all
         self.w = np.zeros(rows.J.shape[1])
         self.active_set = np.zeros(len(rows.J))
         self._levels = [

@@ -1,13 +1,10 @@
-"""Tolerances and iteration budgets of the active set and its certificate, shared by C (as macros)
-and Python.
+"""Tolerances of the active set and its certificate, shared by C (as macros) and Python.
 
 They separate rounding from results. The size of a row is ``|a| + |bound|``, in normal units
 (`certificate.normal_rows`).
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 LARGEST = 1e15
 """[rate/velocity] Entry of a Jacobian from which on rows are invalid: beside it, rounding alone is
@@ -99,37 +96,3 @@ TIED = 1e-9
 """Relative to 1 and the norm: levels whose residuals differ by less are equally good; of two runs,
 a lower level decides.
 """
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class IterationBudget:
-    """Iteration budget of runs with a given number of rows."""
-
-    most_iterations: int
-    """Largest number of iterations of one run, which ends there."""
-    most_of_all: int
-    """Largest number of iterations of all runs of one call together, warm, cold and fallbacks, which
-    bounds its time.
-    """
-    bland_stalls: int
-    """Standstills after which the first wrong row is dropped, not the worst, which ends nearly
-    every cycle.
-    """
-    tabu_stalls: int
-    """Standstills after which a dropped row stays once it is active again, which ends every
-    cycle.
-    """
-    tabu_iterations: int
-    """Iterations after which a dropped row stays, since a cycle may move a little."""
-
-
-def iteration_budget(n_rows: int) -> IterationBudget:
-    """Return the budget of runs over n_rows rows of all levels."""
-    per_run = 20 + 10 * n_rows
-    return IterationBudget(
-        most_iterations=per_run,
-        most_of_all=6 * per_run,
-        bland_stalls=n_rows // 2 + 10,
-        tabu_stalls=2 * n_rows,
-        tabu_iterations=20 + 3 * n_rows,
-    )

@@ -15,6 +15,7 @@ import pinocchio as pin
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.shapes import hull
+from uvms_ocp.viz import colours
 from uvms_ocp.viz.scene.animation import Frames, rounded
 
 _NEGLIGIBLE = 1e-6  # [N, N m, m/s] size below which, throughout, a quantity has no arrow
@@ -114,23 +115,33 @@ def _in_vehicle(vectors: np.ndarray, frames: Frames) -> np.ndarray:
 
 _KINDS = (
     ArrowKind(
-        label="thrust", unit="N", colour="#b8f23c", share=0.55, series="thrust", draw=_thrust
+        label="thrust",
+        unit="N",
+        colour=colours.ARROW_THRUST,
+        share=0.55,
+        series="thrust",
+        draw=_thrust,
     ),
     ArrowKind(
         label="contact with the floor",
         unit="N",
-        colour="#ff6b5e",
+        colour=colours.ARROW_CONTACT,
         share=0.5,
         series="contact",
         draw=_contact,
     ),
     ArrowKind(
-        label="current", unit="m/s", colour="#63e6ff", share=0.7, series="current", draw=_current
+        label="current",
+        unit="m/s",
+        colour=colours.ARROW_CURRENT,
+        share=0.7,
+        series="current",
+        draw=_current,
     ),
     ArrowKind(
         label="disturbance, force",
         unit="N",
-        colour="#ff7ad9",
+        colour=colours.ARROW_FORCE,
         share=0.8,
         series="disturbance",
         draw=partial(_disturbance, 0),
@@ -138,7 +149,7 @@ _KINDS = (
     ArrowKind(
         label="disturbance, moment",
         unit="N m",
-        colour="#c9a0ff",
+        colour=colours.ARROW_MOMENT,
         share=0.6,
         series="disturbance",
         draw=partial(_disturbance, 3),
