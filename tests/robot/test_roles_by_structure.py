@@ -193,6 +193,16 @@ def test_each_role_is_told_with_its_reason(tmp_path: Path) -> None:
     assert "joint pack_0_j, pack_1_j, pack_2_j, pack_3_j: slides a mass" in questions
 
 
+def test_sensors_that_have_a_role_are_told_with_their_reason(tmp_path: Path) -> None:
+    parts = ARM + TCP + fixed_thrusters() + fixed("hull", "altimeter_1") + fixed("hull", "dvl_a50")
+    reasons = proposed(tmp_path, parts).reasons
+    assert "altimeter is altimeter_1, the only link that looks down and is called one" in reasons
+    assert "dvl is dvl_a50, the only link that is on the vehicle and is called one" in reasons
+    urdf = tmp_path / "robot.urdf"
+    said = propose(urdf, base="free_flyer", altimeter="altimeter_1", dvl="hull").reasons
+    assert {"altimeter is altimeter_1, as you said", "dvl is hull, as you said"} <= set(said)
+
+
 def test_what_the_user_calls_the_tool_moves(tmp_path: Path) -> None:
     (tmp_path / "robot.urdf").write_text(
         f"<robot name='r'>{HULL}{SLIDERS}{fixed_thrusters()}</robot>", encoding="utf-8"

@@ -180,6 +180,15 @@ class ProposalDraft:
             chain = [model.names[k] for k in model.supports[carrier]][2 if self.floats else 1 :]
             if chain:
                 yield f"tool {tool}: on the last link of an arm of joint {', '.join(chain)}"
+        sensors = (
+            ("altimeter", self.altimeter, self.requested_altimeter, "that looks down"),
+            ("dvl", self.dvl, self.requested_dvl, "that is on the vehicle"),
+        )
+        for role, link, requested, where in sensors:
+            if link and requested:
+                yield f"{role} is {link}, as you said"
+            elif link:
+                yield f"{role} is {link}, the only link {where} and is called one"
         by_source = dict[str, list[str]]()
         for thruster in self.thrusters:
             by_source.setdefault(thruster.source, []).append(thruster.name)
