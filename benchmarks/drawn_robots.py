@@ -2,8 +2,9 @@
 [--work DIR --hours H]``.
 
 Vehicles of 10 to 1,500 kg with 4 to 10 thrusters in drawn places and directions, out of trim by up
-to 2 cm, with none to two arms of 1 to 8 joints and loads of up to 5 % of the mass, swim to way
-points and reach with their tools. Writes drawn_robots.csv, one row per robot of the study
+to 2 cm and half of them by up to half of their thrust, with none to two arms of 1 to 8 joints and
+loads of up to 5 % of the mass, swim to way points and reach with their tools, at any control period
+and half of them with late positions and gyros. Writes drawn_robots.csv, one row per robot of the study
 `drawn_robots`, and its sums to drawn_robots.md. With --work DIR it goes on where it was.
 """
 
@@ -15,10 +16,10 @@ from recording.kept_rows import add_study_options, kept_rows, study_report
 from recording.processes import compiled_once
 from recording.report import Row, begin, parser_of
 from recording.rows import column, rows_where
+from studies.drawn_conditions import GYRO_DELAY, OUT_OF_TRIM, PERIODS, POSITION_DELAY
 from studies.drawn_robots import (
     BALLAST,
     CURRENT,
-    DT,
     DURATION,
     FARTHER,
     REASONS,
@@ -28,20 +29,24 @@ from studies.drawn_robots import (
     drawn_robots,
     reason_of,
 )
+from studies.fault_table import NEW, NEW_RATES, RATES
 
 PROSE = """
 {robots} robots, drawn with seeds from {first} to {last}; one row each in `drawn_robots.csv`. Their
 files are those that `new-robot --from` proposes, with buoyancy off by up to {trim:g} m and by
-{ballast:.1%} of the weight, and thrusters of half to twice what it takes for usual. Missions of
-shipped tasks (JL, MAC, HA, AT, MU, tools, PC, MP) at {rate:.0f} Hz last {longest:g} s at most; half
-of them are in a current of up to {current:g} m/s, {noisy} have the noise of sensors, and {loaded} a
-load that nobody knows of.
+{ballast:.1%} of the weight, and thrusters of half to twice what it takes for usual; {trimmed} are
+farther out of trim, so that up to {thrust:.0%} of the thrust holds them still, as their files say.
+Missions of shipped tasks (JL, MAC, HA, AT, MU, tools, PC, MP) with control periods of {shortest:g}
+to {slowest:g} s last {longest:g} s at most; half of them are in a current of up to {current:g} m/s,
+{noisy} have the noise of sensors, {late} positions up to {position:g} s and gyros up to {gyro:g} s
+late, and {loaded} a load that nobody knows of.
 
 {completed} complete, {gave_up} give up, {over} are stopped when time is over, {refused} are refused
 by pre-flight and {faults} raise something else. Wrong are {wrong}, {noisy_wrong} of them with
-noise: {flees} flee, by more than {farther:g} m farther from their way point than at the start,
+noise and {loaded_wrong} with a load: {flees} flee, by more than {farther:g} m farther from their way point than at the start,
 {touches} touch the floor, {unseen} roll or pitch by more than {seen:g} rad to either side without a
-word in alarms or report, and {blames} end by a sensor that is sound.
+word in alarms or report, {blames} give a sensor up that is sound, and {whips} pass a joint's limit of
+velocity by more than {new:.0%} in the first {soon:g} s or {lasting:.0%} later.
 
 Reasons of refusals, and how many for each: {reasons}. For none of these: {others}. Seeds of what is
 wrong: {seeds}.
@@ -56,7 +61,7 @@ def prose(rows: list[Row]) -> str:
     reasons = [f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]]
     wrong = [row for row in rows if row["wrong"]]
     seeds = [f"{row['seed']} {row['wrong']}" for row in wrong]
-    flees, touches, unseen, blames = [_count(wrong, name) for name in WRONGS]
+    flees, touches, unseen, blames, whips = [_count(wrong, name) for name in WRONGS]
     return PROSE.format(
         robots=len(rows),
         first=rows[0]["seed"],
@@ -71,9 +76,19 @@ def prose(rows: list[Row]) -> str:
         touches=touches,
         unseen=unseen,
         blames=blames,
+        whips=whips,
+        new=NEW_RATES - 1.0,
+        lasting=RATES - 1.0,
+        soon=NEW,
+        trimmed=sum(share > 0.0 for share in column(rows, "trim_share")),
+        thrust=OUT_OF_TRIM,
+        late=sum(delay > 0.0 for delay in column(rows, "position_delay_s")),
+        position=POSITION_DELAY,
+        gyro=GYRO_DELAY,
         trim=TRIM,
         ballast=BALLAST,
-        rate=1 / DT,
+        shortest=PERIODS[0],
+        slowest=PERIODS[1],
         longest=DURATION,
         current=CURRENT,
         farther=FARTHER,
@@ -81,6 +96,7 @@ def prose(rows: list[Row]) -> str:
         noisy=sum(column(rows, "noise")),
         loaded=sum(load > 0.0 for load in column(rows, "load_kg")),
         noisy_wrong=sum(column(wrong, "noise")),
+        loaded_wrong=sum(load > 0.0 for load in column(wrong, "load_kg")),
         seeds=", ".join(seeds) or "none",
         reasons=", ".join(reasons) or "none",
         others=refused[""],

@@ -9,7 +9,7 @@ import re
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,9 @@ import pinocchio as pin
 import yaml
 from recording.rows import column
 
+from studies.drawn_conditions import Conditions, delayed, drawn_conditions, out_of_trim
 from studies.drawn_files import Drawn
+from studies.fault_truth import passes_rates
 from studies.study import Study, seeds_from
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.errors import UvmsError, plain_line
@@ -28,7 +30,7 @@ from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.report.metrics import swings
-from uvms_ocp.robot import IDEAL_SENSORS, Kinematics
+from uvms_ocp.robot import Kinematics
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.proposal import propose
@@ -262,11 +264,12 @@ def _joint_limit(
 _START = (0.0, 0.0, -10.0)
 _FLOOR = -25.0
 DURATION = 150.0  # [s] of a mission at most
-DT = 0.02  # [s] control period
 CURRENT = 0.3  # [m/s] at most
 
 
-def drawn_scenario(robot: Robot, body: Body, rng: np.random.Generator) -> Scenario:
+def drawn_scenario(
+    robot: Robot, body: Body, rng: np.random.Generator, conditions: Conditions
+) -> Scenario:
     """Draw a mission with or without current, noise and the load. Raises `UvmsError` where the
     package refuses it.
     """
@@ -294,19 +297,20 @@ def drawn_scenario(robot: Robot, body: Body, rng: np.random.Generator) -> Scenar
             "noise": noise,
             "current": current,
             "seed": int(rng.integers(1000)),
-            "dt": DT,
+            "dt": conditions.dt,
             "duration": DURATION,
         },
         seabed=_FLOOR,
     )
     way_point = pose_at(place.tolist(), (0.0, 0.0, start_yaw + yaw))
     tasks = list(_tasks(robot, way_point, rng))
-    return run.scenario(
+    scenario = run.scenario(
         name="drawn",
         mission=mission_of(robot, tasks, tuple(_phases(tasks)), abort=_abort(tasks)),
         start=run.start(pose_at(_START, (0.0, 0.0, float(start_yaw)))),
         markers={"way point": tuple(place.tolist())},
     )
+    return delayed(scenario, conditions)
 
 
 def _tasks(robot: Robot, way_point: pin.SE3, rng: np.random.Generator) -> Iterator[Task]:
@@ -386,21 +390,27 @@ FARTHER = 1.0  # [m] by which a vehicle that flees is farther away than at the s
 _EVERY = 10  # ticks between two configurations whose clearance is measured
 SEEN = 0.15  # [rad] half a swing of roll or pitch that nobody may overlook
 OUTCOMES = ("refused", "accepted", "completed", "gave up", "time over", "fault")
-WRONGS = ("flees", "touches", "swings unseen", "blames a sound sensor")
+_BLAME = re.compile(r"\b([a-z]+(?:_[a-z]+)*) lost: (?!silent|no echo)")
+WRONGS = ("flees", "touches", "swings unseen", "blames a sound sensor", "whips")
 
 
 def run_robot(case: dict[str, Any]) -> Row:
     """One robot on its mission."""
     rng = np.random.default_rng(case["seed"])
     body = drawn_body(rng)
+    conditions = drawn_conditions(case["seed"])
     row: Row = {
         **case,
+        "dt_s": conditions.dt,
+        "position_delay_s": conditions.position_delay,
+        "gyro_delay_s": conditions.gyro_delay,
         "mass_kg": round(body.mass, 1),
         "thrusters": body.thrusters,
         "joints": "+".join(map(str, body.arms)),
         "load_kg": round(body.load, 2),
     }
     blank: dict[str, Any] = {
+        "trim_share": 0.0,
         "undriven": "",
         "current_m_s": 0.0,
         "noise": False,
@@ -408,11 +418,15 @@ def run_robot(case: dict[str, Any]) -> Row:
         "clearance_m": None,
         "farther_m": None,
         "swings": "",
+        "blamed": "",
     }
     with tempfile.TemporaryDirectory() as place:
         try:
-            robot = write_robot(body, rng, Path(place))
-            scenario = drawn_scenario(robot, body, rng)
+            floating = write_robot(body, rng, Path(place))
+            robot = out_of_trim(floating, conditions, Path(place))
+            if robot is not floating:
+                blank["trim_share"] = round(conditions.trim, 2)
+            scenario = drawn_scenario(robot, body, rng, conditions)
             blank |= _circumstances(scenario)
             preflight = scenario.check()
             if preflight.accepted and case["flies"]:
@@ -445,12 +459,13 @@ def _short(text: str) -> str:
 
 def _circumstances(scenario: Scenario) -> dict[str, Any]:
     first = scenario.mission.hierarchy.tasks[0]
+    attitude = scenario.specs.attitude
     undriven = "".join(map(str, getattr(first, "axes", ())))
     velocity = scenario.environment.current.velocity(np.zeros((1, 3)), 0.0)
     return {
         "undriven": undriven,
         "current_m_s": round(float(np.linalg.norm(velocity)), 2),
-        "noise": scenario.specs != IDEAL_SENSORS,
+        "noise": attitude is not None and not attitude.exact,
         "tasks": " ".join(scenario.mission.hierarchy.names),
     }
 
@@ -477,18 +492,33 @@ def judge(scenario: Scenario, record: Record) -> dict[str, Any]:
         wrong.append("touches")
     if any(angle not in reported for angle in tilting(record)):
         wrong.append("swings unseen")
-    if re.search(r"\b[a-z]+_?[a-z]* lost: ", cause["text"]):
+    texts = [alarm.text for alarm in record.run_meta.alarms]
+    blamed = blamed_channels([*texts, cause["text"]])
+    if blamed:
         wrong.append("blames a sound sensor")
+    if passes_rates(scenario.robot, record, onsets=(float(record["t"][0]),)):
+        wrong.append("whips")
     return {
         "outcome": outcome,
         "t": round(float(record["t"][-1]), 1),
         "clearance_m": round(clearance, 2),
         "farther_m": round(farther, 2),
         "swings": "; ".join(map(str, reported_swings)),
+        "blamed": " ".join(blamed),
         "text": _short(cause["text"]),
         "wrong": "; ".join(wrong),
         "completed": not wrong,
     }
+
+
+def blamed_channels(texts: Iterable[str]) -> list[str]:
+    """Name the sensors that alarms and other texts call lost, but for those that were truly silent or
+    heard no echo.
+    """
+    blamed = set[str]()
+    for text in texts:
+        blamed.update(_BLAME.findall(text))
+    return sorted(blamed)
 
 
 def farther_by(scenario: Scenario, record: Record) -> float:

@@ -4,15 +4,25 @@ touches, nor swings unseen.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.drawn_conditions import (
+    GYRO_DELAY,
+    OUT_OF_TRIM,
+    PERIODS,
+    POSITION_DELAY,
+    drawn_conditions,
+    out_of_trim,
+)
 from studies.drawn_robots import (
     OUTCOMES,
     REASONS,
     WRONGS,
+    blamed_channels,
     drawn_body,
     drawn_robots,
     reason_of,
@@ -22,6 +32,8 @@ from studies.drawn_robots import (
 )
 
 from uvms_ocp.campaign.jobs import Row
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix, unactuated_axes
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 
@@ -89,6 +101,48 @@ def test_what_is_drawn_is_within_what_is_said(tmp_path: Path) -> None:
     robot = write_robot(body, rng, tmp_path)
     assert len(robot.description.thrusters) == body.thrusters
     assert robot.n_joints >= sum(body.arms) > 0
+
+
+def test_conditions_are_within_what_is_said_and_of_half_of_the_robots() -> None:
+    conditions = [drawn_conditions(seed) for seed in range(400)]
+    for drawn in conditions:
+        assert PERIODS[0] <= drawn.dt <= PERIODS[1]
+        assert 0.0 <= drawn.position_delay <= POSITION_DELAY
+        assert 0.0 <= drawn.gyro_delay <= GYRO_DELAY
+        assert 0.0 <= drawn.trim <= 1.0
+    for name in ("position_delay", "gyro_delay", "trim"):
+        assert 150 < sum(getattr(drawn, name) > 0.0 for drawn in conditions) < 250
+
+
+def test_a_robot_out_of_trim_is_held_by_the_share_of_the_thrust_that_is_drawn(
+    tmp_path: Path,
+) -> None:
+    n_trimmed = 0
+    for seed in _BARE[:8]:
+        rng = np.random.default_rng(seed)
+        floating = write_robot(drawn_body(rng), rng, tmp_path)
+        robot = out_of_trim(floating, replace(drawn_conditions(seed), trim=1.0), tmp_path)
+        if robot is floating:
+            continue
+        n_trimmed += 1
+        still = np.zeros(robot.n_v)
+        wrench = robot_dynamics(robot).inverse_dynamics(robot.configuration(), still, still)[:6]
+        driven = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
+        thrust = np.linalg.pinv(thruster_matrix(robot)[driven]) @ wrench[driven]
+        lower, upper = thrust_limits(robot)
+        largest_share = np.maximum(thrust / upper, thrust / lower).max()
+        assert largest_share == pytest.approx(OUT_OF_TRIM, rel=1e-6)
+    assert n_trimmed >= 4
+
+
+def test_a_sensor_is_blamed_that_is_lost_unless_it_is_silent() -> None:
+    texts = [
+        "position lost: 17.4 times the innovation expected",
+        "altimeter_range lost: no echo for 2.1 s",
+        "depth suspect: 0.3 m off",
+        "depth lost: silent for 3.00 s; angular_velocity lost: 2 rad/s off the estimate",
+    ]
+    assert blamed_channels(texts) == ["angular_velocity", "position"]
 
 
 @pytest.mark.parametrize("reason", REASONS)
