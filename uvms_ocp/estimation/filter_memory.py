@@ -18,7 +18,8 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, arrays_of, structure_of
 from uvms_ocp.estimation.tuning import EstimatorTuning
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
+from uvms_ocp.robot.signals import CHANNELS, SAME_TIME, SensorSpecs
+from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
 
 N_VEHICLE = 7
 
@@ -57,6 +58,10 @@ motion is slow and seen rarely; positions of joints tell their velocities as soo
 """
 JOLT_TIME = 0.015
 """[s] longest time for which gates allow it: what lasts longer shows in other readings."""
+SLOW_TICK = 0.02
+"""[s] longest tick of a loop in which other readings show in time what weight and one thruster do."""
+SLOWEST_TICK = 0.05
+"""[s] longest tick of a slower loop for whose whole length gates allow that."""
 BIAS_DRIFTS = (1e-5, 1e-5, 1e-4)
 """[rad/s/sqrt(s), m/s/sqrt(s), m/s2/sqrt(s)] random walk of the biases of gyro, DVL and
 accelerometer.
@@ -127,6 +132,15 @@ def orders_of(channel: int) -> int:
     return 2
 
 
+def pushed_time(time: float) -> float:
+    """Return the part of a time [s] between two readings for which gates grant what weight and one
+    thruster do; 0 where the loop is quick enough for others to show it. A kernel.
+    """
+    if time > SLOW_TICK + SAME_TIME:
+        return min(time, SLOWEST_TICK)
+    return 0.0
+
+
 class Part(IntEnum):
     """Indices at which the parts of the vehicle's error state begin."""
 
@@ -192,6 +206,10 @@ class FilterMemory(Layout):
     """(9,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
     jolt: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [m/s2, rad/s2] unplanned acceleration that gates grant, `JOLTS`."""
+    push: Annotated[Vector, Sized(N_CHANNELS)]
+    """(9,) [m/s2, rad/s2] acceleration that weight and one thruster give, which gates grant for a whole
+    tick.
+    """
     surprise: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [unit of the channel] innovation of the last reading that was believed, where it is
     beyond the noise; it fades.
@@ -364,6 +382,7 @@ def initialise(
     memory.beam_up[2] = 1.0
     memory.agility[:] = _agility(robot)
     memory.jolt[:] = JOLTS
+    memory.push[: ChannelIndex.POSITION] = unasked_turn(robot)
     structure.floating = robot.n_vehicle > 0
     structure.guided = specs.specific_force is None
     structure.echo_memory = _ECHO_MEMORY
@@ -389,16 +408,27 @@ def initialise(
 
 def _agility(robot: Robot) -> np.ndarray:
     """Return the largest acceleration (9,) [m/s2, rad/s2] of what each channel measures, from full
-    acceleration the other way.
+    acceleration the other way; of a vehicle along its axes at least what weight and one thruster give
+    it, which nobody asks for.
     """
     limits = 2.0 * np.minimum(robot.limits.acceleration, _MOST_AGILE)
     joint = float(limits[robot.joint_v].max(initial=0.0))
     linear = 0.0
     angular = 0.0
     if robot.n_vehicle:
-        linear = limits[:3].max()
+        linear = max(limits[:3].max(), unasked_acceleration(robot)[:3].max())
         angular = limits[3:6].max()
     return np.array([angular, angular, linear, linear, linear, linear, linear, joint, joint])
+
+
+def unasked_turn(robot: Robot) -> float:
+    """Return the angular acceleration [rad/s2] that weight and one thruster can give, as far as
+    vehicles turn at all; 0 without a vehicle.
+    """
+    if not robot.n_vehicle:
+        return 0.0
+    turn = float(unasked_acceleration(robot)[3:].max())
+    return min(turn, JOLTS[ChannelIndex.ANGULAR_VELOCITY])
 
 
 def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None:

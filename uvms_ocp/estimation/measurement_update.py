@@ -186,7 +186,8 @@ def planned_allowance(filter: FilterMemory, channel: int) -> float:
 
 def jolt_allowance(filter: FilterMemory, channel: int) -> float:
     """Return the variance that the gate grants a channel for a jolt that nobody planned: what it
-    can move within one period, or what is left of a motion that surprised.
+    can move within one period, by weight and one thruster within one tick, or what is left of a motion
+    that surprised.
 
     A jump that is larger is refused for as long as it lasts.
     """
@@ -198,6 +199,10 @@ def jolt_allowance(filter: FilterMemory, channel: int) -> float:
     time = min(max(filter.dt, filter.period[channel]), filtering.JOLT_TIME)
     time += _unseen_turning_time(filter, channel)
     moved = max(grown, _moved(channel, filter.jolt[channel], time))
+    tick = filtering.pushed_time(filter.dt)
+    if tick > 0.0:
+        tick += _unseen_turning_time(filter, channel)
+    moved = max(moved, _moved(channel, filter.push[channel], tick))
     if filter.jolt[channel] > 0.0:
         return moved * moved / 25.0
     return 0.0
@@ -439,7 +444,7 @@ def _gate(filter: FilterMemory, channel: int, slot: int, delta: float) -> None:
             filter.surprise[channel] = math.sqrt(size)
             if channel == ChannelIndex.LINEAR_VELOCITY:
                 filter.shaken = filter.stamp[channel]
-            _inflate_surprised(filter, channel, size)
+            _inflate_surprised(filter, channel, size, nu)
             vehicle.recall_measurement(filter, channel, slot, vehicle.active(filter))
         else:
             filter.surprise[channel] = 0.0
@@ -555,7 +560,7 @@ def _relax(filter: FilterMemory, channel: int, squared: float) -> None:
         if filter.owner[slot] != channel:
             filter.owner[slot] = -1.0
     filter.since[channel] = math.nan
-    _inflate_own(filter, channel, filtering.GATE_RELAXATION * squared, 0.0)
+    _inflate_own(filter, channel, filtering.GATE_RELAXATION * squared, 0.0, 0.0)
     if not _is_place(channel):
         return
     # It took the time of recovery to go so far: with a speed that nobody knew of, or an
@@ -569,13 +574,13 @@ def _relax(filter: FilterMemory, channel: int, squared: float) -> None:
         filter.P[i + 6][i + 6] += speed / (time * time)
 
 
-def _inflate_surprised(filter: FilterMemory, channel: int, squared: float) -> None:
+def _inflate_surprised(filter: FilterMemory, channel: int, squared: float, nu: Vector) -> None:
     """Inflate the variances where the robot has moved as the process model did not expect, or what
     carries the estimate is biased.
 
-    The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again
-    soon. Nor is it where these have surprised of late: what fixes contradict then is a velocity
-    that was none.
+    nu: the innovation, whose square is given too. The bias of DVLs is not in doubt by their own
+    readings: fixes are too rough to find it again soon. Nor is it where these have surprised of
+    late: what fixes contradict then is a velocity that was none.
     """
     if filtering.orders_of(channel) > 1:
         time = time_since_accepted(filter, channel)
@@ -587,29 +592,61 @@ def _inflate_surprised(filter: FilterMemory, channel: int, squared: float) -> No
         bias = int(Part.DVL_BIAS)
     if channel == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
+    unseen = _unseen_turning_time(filter, channel)
+    is_pushed = _is_pushed(filter, channel, squared, nu)
     growth = 0.0
     if _is_place(channel) and _is_velocity_unseen(filter, channel):
         growth = 1.0 / time
-    _inflate_own(filter, channel, squared, growth)
-    unseen = _unseen_turning_time(filter, channel)
+    if is_pushed:
+        _inflate_own(filter, channel, squared, 0.0, filter.dt)
+    else:
+        _inflate_own(filter, channel, squared, growth, 0.0)
     if channel == ChannelIndex.ATTITUDE and unseen > 0.0:
         # A late gyro has not told of this turn yet: that is no bias of it.
+        begun = unseen + filter.dt
         for i in range(int(Part.SPIN), int(Part.SPIN) + 3):
-            filter.P[i][i] += squared / (unseen * unseen)
+            filter.P[i][i] += 0.0 if is_pushed else squared / (begun * begun)
     elif _is_place(channel) and filter.stamp[channel] - filter.shaken <= _SHAKEN:
         if growth == 0.0:  # otherwise the velocity is in what the channel alone puts right
             for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
                 filter.P[i + 3][i + 3] += squared / (time * time)
-    elif channel <= ChannelIndex.DEPTH:
+    elif channel <= ChannelIndex.DEPTH and not (
+        is_pushed and channel == ChannelIndex.ANGULAR_VELOCITY
+    ):
         for i in range(bias, bias + 3):
             filter.P[i][i] += squared / (time * time)
 
 
-def _inflate_own(filter: FilterMemory, channel: int, variance: float, rate: float) -> None:
+def _is_pushed(filter: FilterMemory, channel: int, squared: float, nu: Vector) -> bool:
+    """Return whether weight and one thruster, from one way to the other, turn the vehicle by as much as
+    attitude or gyro surprise, nu (3,) [rad, rad/s], within one slow tick.
+
+    A channel that surprises alone may be wrong: attitude and gyro both show a vehicle that speeds up.
+    """
+    gyro = int(ChannelIndex.ANGULAR_VELOCITY)
+    moved = 2.0 * _moved(channel, filter.push[channel], filtering.pushed_time(filter.dt))
+    in_one_tick = filter.stamp[channel] - filter.used[channel] <= 1.5 * filter.dt + EARLY
+    if not (in_one_tick and channel <= gyro and 0.0 < squared <= moved * moved):
+        return False
+    if channel == gyro:
+        return filter.surprise[ChannelIndex.ATTITUDE] > 0.0
+    along = 0.0
+    for i in range(3):
+        expected = filter.x[Part.SPIN + i] + filter.x[Part.GYRO_BIAS + i]
+        along += nu[i] * (filter.value[gyro][i] - expected)
+    is_fresh = filter.fresh[gyro] != 0.0 and filter.now - filter.stamp[gyro] <= filter.dt + EARLY
+    # Half of what an angular acceleration that has turned it so far has made of the rate.
+    return is_fresh and along >= squared / filter.dt
+
+
+def _inflate_own(
+    filter: FilterMemory, channel: int, variance: float, rate: float, tick: float
+) -> None:
     """Add a common error of a variance to what the channel alone can put right, now and in its
     clones.
 
-    rate [1/s]: by which it has grown, where nothing but the channel tells of the velocity.
+    rate [1/s]: by which it has grown, where nothing but the channel tells of the velocity. tick [s]: in
+    which an angular acceleration has made it, 0 for none.
     """
     rows = rows_of(channel)
     n = vehicle.active(filter)
@@ -631,6 +668,11 @@ def _inflate_own(filter: FilterMemory, channel: int, variance: float, rate: floa
         predicted.HP[i][first + i] = 1.0
         if rate > 0.0:
             predicted.HP[i][first + 3 + i] = rate
+        if tick > 0.0 and first == Part.TURN:
+            predicted.HP[i][Part.SPIN + i] = 2.0 / tick
+            predicted.HP[i][Part.SPIN_UP + i] = 2.0 / (tick * tick)
+        elif tick > 0.0 and first == Part.SPIN:
+            predicted.HP[i][Part.SPIN_UP + i] = 1.0 / tick
     for slot in range(SLOTS):
         if filter.owner[slot] == channel:
             for i in range(rows):

@@ -4,19 +4,23 @@ doubted for it.
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 from corruptors import with_defect
+from edited_robots import load_edited
 from health_run import FLOOR, HealthRun, Motion, between
 
 from uvms_ocp.estimation.estimator import Estimator
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command, Readings, SensorSpecs, State, Trust
+from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
 from uvms_ocp.sim.sensors import SensorSuite
 
 HALF = 0.4  # [s] in which joints and vehicle speed up, and slow down
@@ -45,6 +49,14 @@ def rest(robot: Robot) -> Motion:
     return lambda t: np.zeros(robot.n_v)
 
 
+def gentle(name: str) -> Robot:
+    """A shipped robot whose file limits accelerations of its vehicle to 0.3 m/s2 and 0.4 rad/s2."""
+    folder = robot_folder(name)
+    data = yaml.safe_load((folder / "hydrodynamics.yaml").read_text(encoding="utf-8"))
+    data["vehicle_limits"]["acceleration"] = [0.3, 0.3, 0.3, 0.4, 0.4, 0.4]
+    return load_edited(ET.parse(folder / "robot.urdf"), data)
+
+
 VEHICLE = slice(0, 6)
 JOINTS = slice(6, None)
 
@@ -58,6 +70,41 @@ def test_motion_at_the_limits_of_acceleration_is_believed(robot: Robot, axes: sl
 def test_motion_at_the_limits_that_nobody_asked_for_is_believed(robot: Robot, axes: slice) -> None:
     """Of one axis of the vehicle at a time: no thrusters give all at once."""
     run = HealthRun(robot, duration=6.0, motion=shuttling(robot, axes), requested=rest(robot))
+    assert run.guard.monitor.alarms == []
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_what_weight_and_one_thruster_do_is_believed_of_a_robot_that_is_told_less(
+    axis: int,
+) -> None:
+    """Speed for HALF, and rest again: limits say how fast a robot is told to speed up, not how fast it
+    can. 1 m/s2 at most: a DVL is five times slower than thrusters.
+    """
+    strong = gentle("bluerov2_alpha5")
+    v = np.zeros(strong.n_v)
+    v[axis] = HALF * min(1.0, unasked_acceleration(strong)[axis])
+
+    def pushed(t: float) -> np.ndarray:
+        return v * np.interp(t, [2.0, 2.0 + HALF, 3.0, 3.0 + HALF], [0.0, 1.0, 1.0, 0.0])
+
+    run = HealthRun(strong, duration=6.0, motion=pushed, requested=rest(strong))
+    assert run.guard.monitor.alarms == []
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.03, 0.05])
+@pytest.mark.parametrize("axis", [3, 4])
+def test_a_vehicle_that_weight_turns_quickly_is_believed_by_slow_loops(
+    axis: int, dt: float
+) -> None:
+    """Attitude and gyro both tell of a turn that began after the last tick: it is no bias of the gyro."""
+    light = load_robot("bluerov2_alpha5")
+    v = np.zeros(light.n_v)
+    v[axis] = 0.1 * 0.7 * unasked_acceleration(light)[axis]
+
+    def rocking(t: float) -> np.ndarray:
+        return v * np.interp(t, [2.0, 2.1, 2.4, 2.7, 3.0], [0.0, 1.0, 0.0, -0.5, 0.0])
+
+    run = HealthRun(light, duration=5.0, motion=rocking, requested=rest(light), dt=dt)
     assert run.guard.monitor.alarms == []
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import structure_of
-from uvms_ocp.estimation.filter_memory import JOLTS, N_CHANNELS, NUMBER
+from uvms_ocp.estimation.filter_memory import JOLTS, N_CHANNELS, NUMBER, unasked_turn
 from uvms_ocp.estimation.health import plausibility, redundancy
 from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, HealthMemory
 from uvms_ocp.estimation.health.floor import POSITION, init_floor
@@ -189,6 +189,8 @@ def _set_gates(
         gate.base = of.base + gate.noise + _unforeseen(of, spec, specs)
         gate.by, gate.or_by = _two(of.by)
         gate.jolt = JOLTS[NUMBER[name]]
+        if name == "angular_velocity":
+            gate.push = unasked_turn(robot)
         gate.rates = robot.joint_v.start if name == "joint_positions" else -1
     if robot.n_vehicle:
         v, w = _brisk(robot.limits.velocity)
@@ -234,24 +236,17 @@ def _unforeseen(of: _Allowed, spec: SensorSpec, specs: Mapping[str, SensorSpec])
 def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
     v, w = _brisk(robot.limits.velocity)
     a, alpha = _brisk(robot.limits.acceleration)
+    a = max(a, float(unasked_acceleration(robot)[:3].max()))
     fixes = ("position", "linear_velocity")
     return {
         "position": _Allowed(0, POSITION, _POSITION_DRIFT, v + tuning.current, fixes[1:], a),
         "depth": _Allowed(2, POSITION, _POSITION_DRIFT, v + tuning.current, fixes, a),
         "attitude": _Allowed(3, _ATTITUDE, _ATTITUDE_DRIFT, w, ("angular_velocity",), alpha),
         "angular_velocity": _Allowed(
-            3, _RATE, _RATE_DRIFT, alpha, ("attitude",), unasked=max(alpha, _unasked_turn(robot))
+            3, _RATE, _RATE_DRIFT, alpha, ("attitude",), unasked=max(alpha, unasked_turn(robot))
         ),
         "linear_velocity": _Allowed(0, _VELOCITY, _VELOCITY_DRIFT, a, fixes[:1]),
     }
-
-
-def _unasked_turn(robot: Robot) -> float:
-    """Return the angular acceleration [rad/s2] that weight and one thruster can give, as far as
-    vehicles turn at all.
-    """
-    turn = float(unasked_acceleration(robot)[3:].max())
-    return min(turn, JOLTS[NUMBER["angular_velocity"]])
 
 
 def _brisk(limits: Array) -> tuple[float, float]:

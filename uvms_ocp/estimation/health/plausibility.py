@@ -8,7 +8,12 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.estimation.filter_memory import JOLT_TIME, ChannelIndex, orders_of
+from uvms_ocp.estimation.filter_memory import (
+    JOLT_TIME,
+    ChannelIndex,
+    orders_of,
+    pushed_time,
+)
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
@@ -209,6 +214,10 @@ class PlausibilityGate(Layout):
     """[unit of the channel / s] growth otherwise: what is physically possible."""
     jolt: float
     """[unit of the channel / s2, or of a rate's / s] unplanned acceleration that is allowed."""
+    push: float
+    """[unit of a rate / s] acceleration by weight and one thruster, which is allowed for a whole tick of
+    a slow loop; 0 of what is no rate.
+    """
     rates: int
     """Index in v of the first rate of the joints whose positions the channel tells; -1 for another
     channel.
@@ -229,9 +238,9 @@ def motion_within(gate: PlausibilityGate, estimate: PastEstimate, time: float) -
         rate = max(
             rate, 2.0 * abs(estimate.v[i])
         )  # what is known to move faster than it should, and faster yet
-    return rate * time + gate.jolt * (
-        short if orders_of(gate.channel) == 1 else short * short / 2.0
-    )
+    if orders_of(gate.channel) == 1:
+        return rate * time + max(gate.jolt * short, gate.push * pushed_time(time))
+    return rate * time + gate.jolt * (short * short / 2.0)
 
 
 def is_impossible(gate: PlausibilityGate, value: Vector, why: Complaint) -> bool:
