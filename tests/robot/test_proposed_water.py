@@ -12,15 +12,15 @@ import pinocchio as pin
 import pytest
 from scipy.integrate import quad
 
-from uvms_ocp.robot.hull_water import (
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
+from uvms_ocp.robot.proposal import propose
+from uvms_ocp.robot.proposed_hull import (
     ADDED_MASS_INTERVAL,
     DRAG_INTERVAL,
     ellipsoid_added_mass,
     hull_added_mass,
 )
-from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
-from uvms_ocp.robot.proposal import propose
 from uvms_ocp.robot.robot import Robot
 
 SIZE = np.array([0.6, 0.4, 0.2])

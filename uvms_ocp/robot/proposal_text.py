@@ -8,8 +8,8 @@ from typing import Any
 import yaml
 
 from uvms_ocp.robot.description import RobotDescription
-from uvms_ocp.robot.hull_water import ADDED_MASS_INTERVAL, DRAG_INTERVAL
 from uvms_ocp.robot.proposal_draft import SPIN_UP, ProposalDraft
+from uvms_ocp.robot.proposed_hull import ADDED_MASS_INTERVAL, DRAG_INTERVAL
 
 _HEAD = """# What the URDF does not say: water, thrusters, limits. SI units; vectors in the frame of their link, forward-left-up.
 # Everything here is proposed, from the URDF alone: look at each line, and replace what you know.

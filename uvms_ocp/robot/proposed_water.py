@@ -14,7 +14,7 @@ import pinocchio as pin
 from uvms_ocp.robot import hydrodynamics, link_boxes, static_balance
 from uvms_ocp.robot.coefficients import links_in_water, placement_of
 from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
-from uvms_ocp.robot.hull_water import hull_added_mass, hull_drag
+from uvms_ocp.robot.proposed_hull import hull_added_mass, hull_drag
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.simulator_water import SimulatorWater
 from uvms_ocp.robot.unknowns import link_inertia, link_masses

@@ -16,6 +16,8 @@ FADED = "#AEB4B9"
 """Colour of curves while their task is off."""
 FAULT = VERMILLION
 """Colour of the begin and the end of a fault, and of its name."""
+TRUST = {"good": GREEN, "suspect": ORANGE, "lost": VERMILLION}
+"""Colours of channels by how far they are trusted."""
 PHASES = ((BLUE, 0.09), (ORANGE, 0.12), (GREEN, 0.1), (PINK, 0.16), ("#808080", 0.12))
 """Colours of phases and how much they cover, on light and dark paper."""
 PHASE_BEGIN = "#9AA3AB"

@@ -7,12 +7,11 @@ from matplotlib.patches import Patch
 
 from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style
-from uvms_ocp.viz.colours import GREEN, ORANGE, VERMILLION
+from uvms_ocp.viz.colours import TRUST
 from uvms_ocp.viz.label_text import label_text
 from uvms_ocp.viz.series import axis_label
 from uvms_ocp.viz.time_spans import intervals_of, phase_spans
 
-_STATE_COLORS = {"good": GREEN, "suspect": ORANGE, "lost": VERMILLION}
 _MAX_ALARMS = 8  # alarms written below the bars
 _HEIGHT = 0.62  # height of a bar, share of the space of a channel
 _LINE = 0.17  # [in] height of a line of text
@@ -35,7 +34,7 @@ def figure_health(
     )
     axis = figure.subplots()
     for row, codes in enumerate(record["health"].T):
-        for code, color in enumerate(_STATE_COLORS.values()):
+        for code, color in enumerate(TRUST.values()):
             pieces = []
             for start, end, state in intervals_of(codes):
                 if state == code:
@@ -48,7 +47,7 @@ def figure_health(
     if alarms:
         figure.supxlabel("\n".join(alarms), x=0.01, ha="left", fontsize=style.points(7))
     marks.shade_phases([axis], phase_spans(record), letters_beside=12)
-    patches = [Patch(color=color, label=name) for name, color in _STATE_COLORS.items()]
+    patches = [Patch(color=color, label=name) for name, color in TRUST.items()]
     figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))
     return figure
 
