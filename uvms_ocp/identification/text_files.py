@@ -33,7 +33,10 @@ _BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe
 
 
 def encoding_of(path: Path) -> str:
-    """Detect the encoding of a file by a mark at its beginning, or by its first bytes."""
+    """Detect the encoding of a file by a mark at its beginning, or by its first bytes.
+
+    Raises `InvalidInput` for a binary file.
+    """
     if _begins_with(path, _ZIP):
         return "utf-8"
     with _damage_in_a_line(path), _unpacked(path) as data:
@@ -87,7 +90,7 @@ def sheets_of(path: Path, sheet_name: str) -> tuple[str, tuple[str, ...]]:
     """Return the sheet of a workbook to read, by default the first with numbers, and all sheets; an
     empty name and none for a text file.
 
-    Raises NameNotFound.
+    Raises `NameNotFound`, and `InvalidInput` for one that unpacks to too much.
     """
     if not _begins_with(path, _ZIP):
         return "", ()

@@ -82,10 +82,7 @@ def joint_motion(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
 
 def _leader(model: pin.Model, v_index: int) -> Any:
     """Return the joint with the velocity of this index, which others mimic."""
-    for joint in model.joints:
-        if joint.idx_v == v_index and joint.nv == 1:
-            return joint
-    raise LookupError(f"no joint has the velocity {v_index}")
+    return next(joint for joint in model.joints if joint.idx_v == v_index and joint.nv == 1)
 
 
 def _motion(robot: Robot, joint_model: Any, data: Any, q: np.ndarray) -> dict[str, Any]:
