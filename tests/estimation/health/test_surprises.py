@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 
 import numpy as np
@@ -30,7 +31,8 @@ def test_a_surprise_is_in_the_velocity_once(last_velocity: float, shaken: float)
     memory.used[fix] = 9.0
     memory.used[ChannelIndex.LINEAR_VELOCITY] = last_velocity
     memory.shaken = shaken
-    inflate(memory, fix, SQUARED)
+    innovation = (ctypes.c_double * 3)(math.sqrt(SQUARED), 0.0, 0.0)
+    inflate(memory, fix, SQUARED, innovation)
     variance = np.array([memory.P[i][i] for i in range(int(Part.PLACE), int(Part.SPEED) + 3)])
     speed = SQUARED / time_since(memory, fix) ** 2
     np.testing.assert_allclose(variance, [SQUARED] * 3 + [speed] * 3, rtol=1e-12)
