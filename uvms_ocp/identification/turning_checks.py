@@ -151,9 +151,12 @@ def _lost_turns(mounting: GyroMounting) -> Iterator[tuple[str, str]]:
 
 
 def estimated_gyro_mounting(recording: Recording) -> GyroMounting | None:
-    """Estimate how the gyro is mounted; `None` where too little is recorded."""
+    """Estimate how the gyro is mounted; `None` where too little is recorded, or nothing turns."""
     turns = _Turns.of(recording)
     if turns is None:
+        return None
+    turned = float(np.square(turns.by_attitude - turns.by_attitude.mean(axis=0)).sum())
+    if turned == 0.0:
         return None
     factor = 1.0  # of readings to rates
     turn = np.eye(3)
@@ -178,7 +181,6 @@ def estimated_gyro_mounting(recording: Recording) -> GyroMounting | None:
         solutions.append(_solved(A[is_kept], residuals[is_kept]))
     deviations = np.array(solutions) - np.mean(solutions, axis=0)
     sigma = np.sqrt((_PARTS - 1) / _PARTS * (deviations**2).sum(axis=0))
-    about_mean = turns.by_attitude - turns.by_attitude.mean(axis=0)
     return GyroMounting(
         scale=1.0 / factor,
         scale_sigma=float(sigma[0]) / factor,
@@ -190,7 +192,7 @@ def estimated_gyro_mounting(recording: Recording) -> GyroMounting | None:
         delay_sigma=float(sigma[4]),
         t=turns.t,
         residuals=np.linalg.norm(residuals, axis=1),
-        share=1.0 - float((residuals**2).sum() / (about_mean**2).sum()),
+        share=1.0 - float((residuals**2).sum()) / turned,
     )
 
 
