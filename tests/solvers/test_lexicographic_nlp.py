@@ -214,6 +214,14 @@ def test_equations_that_contradict_each_other_are_reported_as_infeasible(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("n_equations", [2, 3])
+def test_equations_without_a_slope_end_in_a_status(n_equations: int) -> None:
+    x = ca.SX.sym("x", 2)
+    equations = ca.vertcat(ca.norm_2(x), x[0], x[1])
+    nlp = LexicographicNlp(lexicographic_program(x, [NlpLevel(y=x - 1)], g=equations[:n_equations]))
+    assert not nlp.solve(np.zeros(2)).status.optimal
+
+
 def test_a_time_limit_ends_all_levels_where_they_stand() -> None:
     x = ca.SX.sym("x", 2)
     nlp = LexicographicNlp(

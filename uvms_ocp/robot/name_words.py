@@ -17,6 +17,11 @@ _LONG_WORD = 5  # letters above which a word counts in any part of a name
 _PARTS = re.compile(r"(?<=[/_:.\-])|(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 """Borders of words in a name: after a separator, and before a capital as in ``leftProp``."""
 
+_COMPOUNDS = re.compile(
+    r"(echo)[^a-z0-9]*(sounder)|(load)[^a-z0-9]*(cell)|(finger)[^a-z0-9]*(tip)|(end)[^a-z0-9]*(effector)"
+)
+"""Words that are one in another spelling, as in ``echoSounder``; a finger tip is no tip of an arm."""
+
 _WORD = re.compile(r"[a-z]{3,}")  # shorter ones are places, such as ``fl``
 _PLACE_WORDS = (
     "left right front rear back fore aft bow stern port starboard top bottom upper lower up down"
@@ -53,7 +58,7 @@ _PATTERNS: Mapping[str, re.Pattern[str]] = {
     "sensor": _words(_SENSORS),
     "finger": _words("finger jaw claw knuckle pincer thumb fingertip"),
     "load cell": _words("ft force torque wrench loadcell"),
-    "tip": _words("tool tcp tip ee eef tool0 endeffector end_effector grasp effector"),
+    "tip": _words("tool tcp tip ee eef tool0 endeffector grasp effector"),
     "ballast": _words("ballast weight vbs trim mass battery"),
     "spinner": _words("blade cutter brush drill saw disc disk grinder rotor screw"),
     "altimeter": _words("altimeter echosounder dva"),
@@ -97,8 +102,11 @@ class NameWords:
         return [stem == common for stem in stems]
 
     def _lower(self, name: str) -> str:
-        """Return a name without the prefix that all share, its words in small letters and apart."""
-        return "_".join(_PARTS.split(self.plain(name))).lower()
+        """Return a name without the prefix that all share, its words in small letters and apart,
+        compounds as one word.
+        """
+        words = "_".join(_PARTS.split(self.plain(name))).lower()
+        return _COMPOUNDS.sub(lambda match: "".join(filter(None, match.groups())), words)
 
     def plain(self, name: str) -> str:
         """Return a name without the prefix that all share."""

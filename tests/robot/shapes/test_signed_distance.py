@@ -166,6 +166,7 @@ def test_depth_in_a_closed_mesh_changes_as_its_points_and_normal_say(kind: str, 
         return contact(shape, mesh, place)
 
     n_overlaps = 0
+    n_compared = 0
     h = 1e-4
     for _ in range(300):
         direction = rng.normal(size=3)
@@ -183,8 +184,11 @@ def test_depth_in_a_closed_mesh_changes_as_its_points_and_normal_say(kind: str, 
             twist = axis[:3] + np.cross(axis[3:], overlap.second)  # at the point, of the second
             slope = (moved[0] - moved[1]) / (2 * h)
             is_kink = abs(sum(moved) - 2 * overlap.distance) > 1e-2 * h
-            assert is_kink or slope == pytest.approx(overlap.normal @ twist, abs=2e-2)
+            if not is_kink:
+                n_compared += 1
+                assert slope == pytest.approx(overlap.normal @ twist, abs=2e-2)
     assert n_overlaps > 12
+    assert n_compared > 0.8 * 6 * 12
 
 
 def _is_across_face(overlap: PairContact, place: pin.SE3, order: int, kind: str) -> bool:

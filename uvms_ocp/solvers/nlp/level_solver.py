@@ -215,9 +215,9 @@ class LevelSolver:
         violation = bounds.violation(start.x, linear.rows, rows)
         usable = violation <= self._options.feasibility
         multipliers = np.zeros(self._n_rows)
-        if usable and np.isfinite(linear.gradient).all():
-            equations = np.flatnonzero(bounds.lower[rows] == bounds.upper[rows])
-            slopes = linear.jacobian.full()[equations]
+        equations = np.flatnonzero(bounds.lower[rows] == bounds.upper[rows])
+        slopes = linear.jacobian.full()[equations]
+        if usable and np.isfinite(linear.gradient).all() and np.isfinite(slopes).all():
             multipliers[rows[equations]] = np.linalg.lstsq(slopes.T, -linear.gradient)[0]
         point = NlpPoint(
             x=start.x, x_multipliers=np.zeros(len(start.x)), row_multipliers=multipliers
