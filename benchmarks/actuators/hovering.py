@@ -130,7 +130,7 @@ class WayPoints(KinematicController):
         self._next = hover.stays + float(self._rng.uniform(2.0, 6.0))
 
     def observe(self, estimate: StateEstimate, t: float) -> Any:
-        self.measurement = estimate
+        self.estimate = estimate
         self.t = t
         return self
 
@@ -140,7 +140,7 @@ class WayPoints(KinematicController):
     def command(self, tick: Any) -> Command:
         if self.t >= self._next:
             self._choose()
-        q = self.measurement.q
+        q = self.estimate.q
         limits = self.robot.limits
         R = pin.Quaternion(q[3:7]).toRotationMatrix()
         linear = _GAIN * (R.T @ (self.goal - q[:3]))

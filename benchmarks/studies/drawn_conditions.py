@@ -33,9 +33,9 @@ class Conditions:
     dt: float
     """Control period [s]."""
     position_delay: float
-    """[s]"""
+    """By how much [s] fixes come late."""
     gyro_delay: float
-    """[s]"""
+    """By how much [s] turn rates come late."""
     trim: float
     """Share of the largest trim that takes `OUT_OF_TRIM` of the thrust; 0 of a robot in trim."""
     direction: tuple[float, float, float]
@@ -93,8 +93,8 @@ def out_of_trim(robot: Robot, conditions: Conditions, folder: Path) -> Robot:
 
 
 def _largest(robot: Robot, wrench: np.ndarray) -> float:
-    """Compute how many times a wrench (6,) [N, N m] `OUT_OF_TRIM` of the thrust gives at most, beside
-    what holds the robot still.
+    """Compute the largest factor by which a wrench (6,) [N, N m] may be multiplied so that thrusters hold
+    it, and the robot still, with `OUT_OF_TRIM` of their thrust.
     """
     still = np.zeros(robot.n_v)
     holding = robot_dynamics(robot).inverse_dynamics(robot.configuration(), still, still)[:6]

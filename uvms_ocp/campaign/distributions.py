@@ -90,7 +90,7 @@ class Normal(Distribution):
 
 @checked_dataclass(kw_only=False)
 class LogNormal(Distribution):
-    """Log-normal distribution: twice the median is as likely as half of it."""
+    """Log-normal distribution: above twice the median is as likely as below half of it."""
 
     median: Positive = 1.0
     """[unit of the parameter] median."""

@@ -249,8 +249,8 @@ class Record(display.TableDisplay):
         """Read a file written by `save`, of this version or an older one, or that in the folder of
         a command's results.
 
-        path: a file, a folder of results, which is not looked after
-        (`uvms_ocp.record.output.recover_folder` does that), or the folder to which a run writes its
+        path: a file, a folder of results, whose writing may have been cut off
+        (`uvms_ocp.record.output.recover_folder` mends that), or the folder to which a run writes its
         rows while it goes on, see `Scenario.run`; of a run that was cut off there are as many rows as
         it wrote. only: series that are wanted, all by default. Series of more than 1 MB that are not
         compressed, and those of a folder of rows, are mapped: read from the disk when they are used.
