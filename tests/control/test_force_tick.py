@@ -274,6 +274,18 @@ def test_joints_that_are_not_to_be_trusted_leave_the_vehicle_as_it_is() -> None:
     np.testing.assert_array_equal(error[n:], 0.0)
 
 
+def test_what_a_doubted_joint_seems_to_do_as_brakes_lock_it_is_no_disturbance() -> None:
+    """An encoder that ran away was taken for a force of 96 N m, which threw the arm at its release."""
+    tick, q, v = busy()
+    n = laws().robot.n_vehicle
+    before = known(tick)
+    v[n + 1] = 2.0 * laws().robot.limits.velocity[n + 1]
+    tick.give(q, v, Command(v=np.zeros(len(v))), (1.0, 1.0))
+    tick.step(0.0, encoders_trusted=False)
+    assert tick.memory.overspeed.joint == 1
+    np.testing.assert_array_equal(tick.observed.estimate[n:], before.estimate[n:])
+
+
 def test_a_stop_cuts_the_thrust_and_forgets() -> None:
     tick, q, v = busy()
     stop = Command(v=np.zeros(len(v)), hold=True, stop=True)

@@ -16,8 +16,6 @@ from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.control.payload import ForceResponse
 from uvms_ocp.errors import InvalidInput
 
-_PROMPT_TICKS = 2.0  # of the low-pass by which an innovation is told to change: rates are seen late
-
 
 class ObserverDynamics(Protocol):
     """Dynamics that an observer needs, of `SymbolicDynamics`."""
@@ -105,28 +103,6 @@ class ObserverLaw:
         v_hat = v_hat + self.dt * body.forward_dynamics(q, v, corrected, water, still)
         return ObserverState(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
 
-    def prompt_estimate(
-        self,
-        before: ObserverState,
-        body: ObserverDynamics,
-        q: ca.SX,
-        v: ca.SX,
-        usual: ca.SX,
-        share: ca.SX,
-    ) -> ca.SX:
-        """Return the disturbance (n_v,) [N, N m] that makes up for the innovation of a few ticks: sooner and
-        with more noise than the estimate does.
-
-        usual (n_v,) [m/s, rad/s]: innovation so far, by `usual_innovation`. With e the innovation, ``M
-        e' = d - estimate - 2 w M e``. For q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and share (n_v,) see
-        `after`.
-        """
-        innovation = v - ca.if_else(before.follows, before.v_hat, v)
-        M = body.mass_matrix(q)
-        change = (innovation - usual) / (_PROMPT_TICKS * self.dt)
-        push = M @ change + 2 * _coupled(M, self.bandwidth * share) @ innovation
-        return limited(before.estimate + push, self.limit)
-
     def response(
         self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX
     ) -> ForceResponse:
@@ -143,12 +119,6 @@ class ObserverLaw:
             force - estimate - 2 * _coupled(M, w) @ before.innovation, D, L_transposed, order
         )
         return ForceResponse(estimate=estimate, innovation=before.innovation + self.dt * drift)
-
-
-def usual_innovation(before: ObserverState, v: ca.SX, usual: ca.SX) -> ca.SX:
-    """Return the innovation (n_v,) [m/s, rad/s] of v (n_v,), low-passed: what was usual, a tick later."""
-    innovation = v - ca.if_else(before.follows, before.v_hat, v)
-    return usual + (innovation - usual) / _PROMPT_TICKS
 
 
 def _coupled(M: ca.SX, gain: ca.SX) -> ca.SX:

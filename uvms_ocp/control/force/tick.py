@@ -149,10 +149,6 @@ def force_step(force: ForceMemory) -> bool:
         force.inputs.joints[0] = 0.0
     else:
         force.inputs.joints[0] = 1.0
-    # Where nothing is doubted, a load that nobody knows of may hang at the arm: its inertia is another.
-    falls = force.overspeed.joint >= 0 and not force.encoders_trusted
-    falls = falls and force.inputs.hold[0] == 0.0
-    force.inputs.falls[0] = 1.0 if falls else 0.0
     force.locks = (
         force.inputs.joints[0] == 0.0
         if force.detection.joints.count > 0

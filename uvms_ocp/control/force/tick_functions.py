@@ -23,12 +23,7 @@ from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
 from uvms_ocp.control.faults.residual_filter import FilteredCommands, ResidualFilter
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness
-from uvms_ocp.control.force.observer import (
-    ObserverLaw,
-    ObserverState,
-    limited,
-    usual_innovation,
-)
+from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
 from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix, thrusters
@@ -77,8 +72,6 @@ class ForceInputs(Layout):
     """(1,) 1: no thrust."""
     joints: Annotated[Array, Sized(1)]
     """(1,) 1: the joints' velocities are to be trusted."""
-    falls: Annotated[Array, Sized(1)]
-    """(1,) 1: brakes lock the joints from this tick on, as a force that nobody knows of moves them."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -99,8 +92,6 @@ class ForceState(Layout):
     """(n_v,) [m/s, rad/s] that the observer expects."""
     follows: Annotated[Array, Sized(1)]
     """(1,) 1 where v_hat is known."""
-    usual: Annotated[Array, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] innovation of the observer, low-passed."""
     share: Annotated[Array, Sized("n_v")]
     """(n_v,) share of the bandwidth that each axis has."""
     integral: Annotated[Array, Sized("n_v")]
@@ -441,8 +432,8 @@ def _observed(
     """Update the observer; where the velocity is not trusted, keep the estimate, or zero it where
     the robot is stopped.
 
-    Of joints that brakes lock it is kept too: what the brakes bear is no disturbance. As they lock
-    joints that fall, it becomes what makes these fall, which would throw them again when they are let go.
+    Of joints that brakes lock it is kept too: what the brakes bear is no disturbance.
+    Nor do rates tell, as they lock, what makes a joint fall: an encoder that runs away shows the same ones.
     """
     wrench = ca.mtimes(laws.matrix, effectiveness.given(observed.thrust))
     force = ca.vertcat(wrench[: laws.robot.n_vehicle], observed.torque)
@@ -453,23 +444,18 @@ def _observed(
         follows=observed.follows,
     )
     updated = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
-    q, v, share = inputs.q, inputs.v, observed.share
-    prompt = law.prompt_estimate(before, laws.velocity.dynamics, q, v, observed.usual, share)
-    usual = usual_innovation(before, v, observed.usual)
     choose = partial(ca.if_else, inputs.hold)
     kept_estimate = ca.if_else(inputs.stop, 0.0, observed.estimate)
     estimate = choose(kept_estimate, updated.estimate)
     lead = choose(observed.lead, updated.lead)
     v_hat = choose(observed.v_hat, updated.v_hat)
     unless_locked = partial(ca.if_else, inputs.joints)
-    locked_estimate = ca.if_else(inputs.falls, prompt, kept_estimate)
     return replace(
         observed,
-        estimate=_by_part(laws, estimate, unless_locked(estimate, locked_estimate)),
+        estimate=_by_part(laws, estimate, unless_locked(estimate, kept_estimate)),
         lead=_by_part(laws, lead, unless_locked(lead, observed.lead)),
         v_hat=_by_part(laws, v_hat, unless_locked(v_hat, inputs.v)),
         follows=choose(0.0, updated.follows),
-        usual=_by_part(laws, choose(0.0, usual), unless_locked(usual, 0.0)),
     )
 
 
