@@ -197,6 +197,30 @@ def test_what_holds_locked_joints_is_what_held_them_whatever_their_readings_beco
     np.testing.assert_allclose(free, locked if known else weight, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ROBOTS[:2])
+def test_readings_that_come_back_under_brakes_change_nothing_though_the_disturbance_was_limited(
+    name: str,
+) -> None:
+    """What the limit had cut off on the way there was missing on the way back."""
+    limit = 0.02
+    usual = laws(name)
+    observer = replace(usual.observer, limit=limit * np.ones(usual.robot.n_v))
+    tick = ForceTick(replace(usual, observer=observer))
+    robot = usual.robot
+    q, _ = scene(name)
+    rest = np.zeros(robot.n_v)
+    tick.state.estimate[robot.n_vehicle :] = 0.01
+    estimates = []
+    for away in (0.0, 0.2, 0.5, 1.0, -0.5, 0.0):
+        displaced = q.copy()
+        displaced[robot.joint_q] += away
+        tick.give(displaced, rest, Command(v=rest), (1.0, 1.0))
+        tick.step(0.0, joint_age=1.0)
+        estimates.append(tick.observed.estimate[robot.n_vehicle :].copy())
+    assert np.abs(estimates).max() == limit
+    np.testing.assert_allclose(estimates[-1], estimates[0], rtol=0.0, atol=1e-12)
+
+
 def test_a_tick_tells_arrays_of_its_own() -> None:
     tick = ForceTick(laws())
     q, v = scene(FULL)

@@ -96,6 +96,8 @@ class ForceMemory(Layout):
     # found
     carried: Annotated[Vector, Sized("n_v")]
     """(n_v,) [N, N m] disturbance with which locked joints go on to be held."""
+    beyond: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [N, N m] what it would be more without its limit."""
     transferred: tick_functions.ForceState
     """State at another share of the bandwidth, in a tick that changes it."""
     observed: tick_functions.ForceState
@@ -125,7 +127,7 @@ def begin_force(force: ForceMemory) -> None:
 
 def force_step(force: ForceMemory) -> bool:
     """Run one tick and return whether its force is finite and below `LARGEST_WRENCH`; if not,
-    outputs and state stay.
+    outputs stay, and state but for what `carry` changes of it.
 
     On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity
     would accelerate the robot without end.
@@ -210,8 +212,9 @@ def apply_detected_effectiveness(force: ForceMemory) -> None:
 
 
 def _carry_locked(force: ForceMemory) -> None:
-    """Go on to hold joints that were locked by the torque that they had: what changes in the posture of
-    an arm under its brakes is its readings, and no weight.
+    """Go on to hold joints by the torque that they had one tick after they were locked: what changes in
+    the posture of an arm under its brakes is its readings, and no weight. In the tick in which they
+    lock it may still have moved.
     """
     first = len(force.inputs.q) - force.n_joint_q
     finite = True
@@ -220,9 +223,10 @@ def _carry_locked(force: ForceMemory) -> None:
     for k in range(len(force.inputs.q)):
         finite = finite and math.isfinite(force.inputs.q[k])
     if force.locked and finite:
-        force.carry(force.inputs, force.state, force.carried)
+        force.carry(force.inputs, force.state, force.carried, force.beyond)
         for k in range(len(force.carried)):
             force.state.estimate[k] = force.carried[k]
+            force.state.beyond[k] = force.beyond[k]
     force.locked = finite and force.inputs.joints[0] == 0.0 and math.isfinite(force.joint_age)
     for k in range(first, len(force.inputs.q)):
         force.inputs.q_before[k] = force.inputs.q[k]

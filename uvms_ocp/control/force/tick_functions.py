@@ -86,6 +86,8 @@ class ForceState(Layout):
     """(n_joints,) [N m or N] last asked."""
     estimate: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m] disturbance."""
+    beyond: Annotated[Array, Sized("n_v")]
+    """(n_v,) [N, N m] what the estimate of locked joints would be more without its limit."""
     lead: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m] from the estimate to one with one lag less, and so more noise."""
     v_hat: Annotated[Array, Sized("n_v")]
@@ -276,21 +278,23 @@ def transfer_function(laws: ForceLaws) -> ca.Function:
 
 
 def carry_function(laws: ForceLaws) -> ca.Function:
-    """Make ``inputs, state -> estimate``: the disturbance with which motors go on to give the torque that
-    holds joints at rest, though their measured posture has changed.
+    """Make ``inputs, state -> estimate, beyond``: the disturbance with which motors go on to give the
+    torque that holds joints at rest, though their measured posture has changed, and what it would be
+    more without its limit. A posture that is measured again as it was then changes nothing.
     """
     x, (inputs, state) = _symbols(laws, inputs=ForceInputs, state=ForceState)
-    estimate = state.estimate
+    estimate, beyond = state.estimate, state.beyond
     if laws.observer is not None:
         dynamics = laws.velocity.dynamics
         rest = ca.SX(laws.robot.n_v, 1)
         still = ca.SX(3, len(dynamics.links))
         weights = [dynamics.bias_force(q, rest, still, still) for q in (inputs.q, inputs.q_before)]
-        carried = limited(estimate + weights[0] - weights[1], laws.observer.limit)
+        unlimited = estimate + beyond + weights[0] - weights[1]
+        carried = limited(unlimited, laws.observer.limit)
         estimate = _by_part(laws, estimate, carried)
-    return ca.Function(
-        "carry", list(x.values()), [ca.cse(ca.densify(estimate))], list(x), ["estimate"]
-    )
+        beyond = _by_part(laws, ca.SX(0.0), unlimited - carried)
+    outputs = [ca.densify(estimate), ca.densify(beyond)]
+    return ca.Function("carry", list(x.values()), ca.cse(outputs), list(x), ["estimate", "beyond"])
 
 
 def observe_function(laws: ForceLaws) -> ca.Function:
@@ -446,6 +450,7 @@ def _observed(
     updated = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
     choose = partial(ca.if_else, inputs.hold)
     kept_estimate = ca.if_else(inputs.stop, 0.0, observed.estimate)
+    kept_beyond = ca.if_else(inputs.stop, 0.0, observed.beyond)
     estimate = choose(kept_estimate, updated.estimate)
     lead = choose(observed.lead, updated.lead)
     v_hat = choose(observed.v_hat, updated.v_hat)
@@ -453,6 +458,7 @@ def _observed(
     return replace(
         observed,
         estimate=_by_part(laws, estimate, unless_locked(estimate, kept_estimate)),
+        beyond=_by_part(laws, ca.SX(0.0), unless_locked(0.0, kept_beyond)),
         lead=_by_part(laws, lead, unless_locked(lead, observed.lead)),
         v_hat=_by_part(laws, v_hat, unless_locked(v_hat, inputs.v)),
         follows=choose(0.0, updated.follows),
