@@ -4,6 +4,8 @@ those; they hold while it is.
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from uvms_ocp.codegen.kernel_layout import structure_of
@@ -137,6 +139,83 @@ def test_a_joint_that_seems_to_move_though_it_is_locked_stays_locked_and_is_name
             named.append(memory.moving)
     assert max(locked) == pytest.approx(5.0 if mean else 0.5, abs=2.1 * dt)
     assert named == ([0] if mean else [])
+
+
+@pytest.mark.parametrize("cause", ["readings", "vehicle"])
+def test_a_quick_loop_locks_an_arm_that_falls_again_however_long_it_was_locked(cause: str) -> None:
+    """Its encoder drifted on for longer than 10 s under the brakes: let go, it was never locked again."""
+    memory = guard()
+    memory.before[:] = [LIMIT, 0.0]
+    end = 15.0
+    locked = list[bool]()
+    for k in range(1800):
+        t = 0.01 * k
+        speed = -0.7 if cause == "vehicle" and t < end else 0.0
+        rate = 0.1 * LIMIT if cause == "readings" and t < end else 0.0
+        if k == 0:
+            rate = 1.1 * LIMIT
+        if t > end + 2.0:
+            rate = LIMIT * min(2.0, 4.0 * (t - end - 2.0))
+        v = [speed, rate, 0.0]
+        locked.append(locks_at_overspeed(memory, FIRST, v, [0.0] * 3, k == 0, t))
+    assert all(locked[:1500])
+    assert not any(locked[1650:1700])
+    assert locked[-1]
+    assert memory.lock == 32.0
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.02, 0.05])
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.2, 0.4])
+@pytest.mark.parametrize("mean", [0.0, 0.12])
+def test_rates_that_arrive_late_tell_no_motion_under_brakes(
+    mean: float, late: float, dt: float
+) -> None:
+    """Those of the fall itself came 0.2 s after it, and the readings were called wrong. A joint that
+    does move is known before it is let go.
+    """
+    memory = guard()
+    memory.late = late
+    memory.before[:] = [2.0 * LIMIT, 0.0]
+    named = list[float]()
+    locked = list[float]()
+    for k in range(round(3.0 / dt)):
+        t = k * dt
+        rate = 2.0 * LIMIT if t <= late else mean * LIMIT
+        if locks_at_overspeed(memory, FIRST, [0.0, rate, 0.0], [0.0] * 3, t == 0.0, t):
+            locked.append(t)
+        if memory.moving >= 0:
+            named.append(t)
+    assert len(named) == (mean > 0.0)
+    assert max(locked) == pytest.approx(3.0 if mean else 0.5 + late, abs=2.1 * dt)
+
+
+def test_a_rate_that_is_no_number_is_no_reason_to_let_go() -> None:
+    memory = guard()
+    memory.before[:] = [LIMIT, 0.0]
+    for k in range(100):
+        rate = 0.12 * LIMIT
+        if k == 0:
+            rate = 1.1 * LIMIT
+        if k == 4:
+            rate = math.nan
+        locked = locks_at_overspeed(memory, FIRST, [0.0, rate, 0.0], [0.0] * 3, False, 0.05 * k)
+        assert locked
+
+
+@pytest.mark.parametrize("worst", [0, 1])
+def test_of_joints_that_seem_to_move_though_they_are_locked_the_worst_is_named(worst: int) -> None:
+    memory = guard()
+    memory.before[:] = [LIMIT, 0.0]
+    named = list[int]()
+    for k in range(50):
+        rates = [0.1 * LIMIT, 0.1 * LIMIT]
+        rates[worst] = 0.3 * LIMIT
+        if k == 0:
+            rates = [1.1 * LIMIT, 0.0]
+        locks_at_overspeed(memory, FIRST, [0.0, *rates], [0.0] * 3, False, k * DT)
+        if memory.moving >= 0:
+            named.append(memory.moving)
+    assert named == [worst]
 
 
 def test_a_fall_long_after_another_is_a_new_one() -> None:

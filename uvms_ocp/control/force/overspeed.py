@@ -21,12 +21,14 @@ _SLOW_TICK = 0.02  # [s] of control from which on a loop catches no arm that is 
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
 _CARRIED_OFF = 0.5  # share of the limit by which a vehicle is off the velocity that is asked of it
 _DOUBTFUL = 10.0  # [s] after a doubt or a lock for which a posture, or a load, may be another one
-_SHORTEST_LOCK = 0.5  # [s]
+_SHORTEST_LOCK = (
+    0.5  # [s], and the dead time of the rates: a locked joint that moves is known before
+)
 _LONGEST_LOCK = 64.0  # [s]
 _LONGER = 64.0  # times the lock before it is the lock of a joint that falls again: no blow made it
-_SETTLED = 0.1  # [s] after which a joint that is locked is seen to rest
+_SETTLED = 0.1  # [s] after which, and the dead time of the rates, a locked joint is seen to rest
 _AVERAGED = 0.15  # [s] time constant of the mean rate of a locked joint
-_JUDGED = _SETTLED + 2.0 * _AVERAGED  # [s] of a lock after which that mean counts
+_COUNTS = 2.0 * _AVERAGED  # [s] after which that mean counts
 _MOVES = 0.05  # share of its limit that the mean rate of a joint is beyond that moves
 
 
@@ -37,6 +39,8 @@ class OverspeedMemory(Layout):
     """Joints."""
     limit: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad/s or m/s] largest velocities."""
+    late: float
+    """[s] dead time of the rates that is known."""
     vehicle_limit: Annotated[Vector, Sized(6)]
     """(6,) [m/s, rad/s] largest velocities of the vehicle."""
     before: Annotated[Vector, Sized("n_joints")]
@@ -99,6 +103,7 @@ def locks_at_overspeed(
         moves = _moves_though_locked(overspeed, first, v, period, t)
         if moves or doubted or _is_carried_off(overspeed, first, v, reference):
             overspeed.locked_until = max(overspeed.locked_until, t + _SHORTEST_LOCK)
+            _doubt_after_lock(overspeed)
         overspeed.joint = -1
         return True
     if t > overspeed.doubted_until + SAME_TIME:
@@ -107,15 +112,22 @@ def locks_at_overspeed(
     if overspeed.joint < 0 or not (is_doubtful or catches_none):
         overspeed.joint = -1
         return False
-    shortest = _LONGER * _SHORTEST_LOCK if overspeed.thrown else _SHORTEST_LOCK
+    shortest = _SHORTEST_LOCK + overspeed.late
+    if overspeed.thrown:
+        shortest = _LONGER * _SHORTEST_LOCK
     overspeed.lock = min(max(shortest, _LONGER * overspeed.lock), _LONGEST_LOCK)
     overspeed.locked_until = t + overspeed.lock
     overspeed.locked_at = t
     overspeed.moved = False
     for j in range(overspeed.count):
         overspeed.locked_rate[j] = 0.0
-    overspeed.doubted_until = max(overspeed.doubted_until, overspeed.locked_until + _DOUBTFUL)
+    _doubt_after_lock(overspeed)
     return True
+
+
+def _doubt_after_lock(overspeed: OverspeedMemory) -> None:
+    """Count posture and load as doubtful until long after the end of the lock."""
+    overspeed.doubted_until = max(overspeed.doubted_until, overspeed.locked_until + _DOUBTFUL)
 
 
 def _is_carried_off(overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector) -> bool:
@@ -130,20 +142,34 @@ def _is_carried_off(overspeed: OverspeedMemory, first: int, v: Vector, reference
 def _moves_though_locked(
     overspeed: OverspeedMemory, first: int, v: Vector, period: float, t: float
 ) -> bool:
-    """Return whether a joint seems to move on average that has been locked for long enough."""
-    moving = -1
+    """Return whether a joint seems to move on average that has been locked for long enough; the one
+    that moves most, as a share of its limit, is named.
+    """
+    settled = overspeed.locked_at + _SETTLED + overspeed.late
     share = min(1.0, period / _AVERAGED)
     for j in range(overspeed.count):
-        if t > overspeed.locked_at + _SETTLED:
-            overspeed.locked_rate[j] += share * (v[first + j] - overspeed.locked_rate[j])
-        if abs(overspeed.locked_rate[j]) > _MOVES * overspeed.limit[j]:
-            moving = j
-    if moving < 0 or t < overspeed.locked_at + _JUDGED - SAME_TIME:
+        rate = v[first + j]
+        if t > settled and math.isfinite(rate):
+            overspeed.locked_rate[j] += share * (rate - overspeed.locked_rate[j])
+    moving = _fastest_locked(overspeed)
+    if moving < 0 or t < settled + _COUNTS - SAME_TIME:
         return False
     if not overspeed.moved:
         overspeed.moving = moving
     overspeed.moved = True
     return True
+
+
+def _fastest_locked(overspeed: OverspeedMemory) -> int:
+    """Return the locked joint whose mean rate is the largest share of its limit, -1 where none moves."""
+    fastest = -1
+    largest_share = _MOVES
+    for j in range(overspeed.count):
+        rate = abs(overspeed.locked_rate[j])
+        if rate > largest_share * overspeed.limit[j]:
+            largest_share = rate / overspeed.limit[j]
+            fastest = j
+    return fastest
 
 
 def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector) -> int:
@@ -156,9 +182,10 @@ def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, referenc
         expected = rate + _TICKS_TO_ACT * (rate - overspeed.before[j])
         excess = max(abs(rate), abs(expected)) - overspeed.limit[j]
         overspeed.before[j] = rate
-        is_unasked = _deviation(overspeed, j, rate, reference[first + j]) > (
-            _UNASKED * overspeed.limit[j]
-        )
+        asked = reference[first + j]
+        is_unasked = _deviation(overspeed, j, rate, asked) > _UNASKED * overspeed.limit[j]
+        overspeed.asked_earlier[j] = overspeed.asked[j]
+        overspeed.asked[j] = asked
         if is_unasked and excess > largest_excess:
             largest_excess = excess
             joint = j
@@ -169,10 +196,10 @@ def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, referenc
 def _deviation(overspeed: OverspeedMemory, j: int, rate: float, asked: float) -> float:
     """Return how far [rad/s or m/s] the rate of a joint is from all that was asked of it of late.
 
-    It shows up to two ticks after it was asked for, by which time the opposite may be asked for.
+    It shows up to two ticks after it was asked for, by which time the opposite may be asked for: a
+    tick until it is in force, and one until its rate is read. What sensors are late by, of quick loops
+    many ticks, is not made up for.
     """
     lowest = min(asked, overspeed.asked[j], overspeed.asked_earlier[j])
     highest = max(asked, overspeed.asked[j], overspeed.asked_earlier[j])
-    overspeed.asked_earlier[j] = overspeed.asked[j]
-    overspeed.asked[j] = asked
     return max(lowest - rate, rate - highest)

@@ -444,6 +444,7 @@ class ForceTick:
         memory.detection.joints.count = robot.n_joints
         memory.n_joint_q = robot.n_q - robot.joint_q.start
         memory.overspeed.count = robot.n_joints
+        memory.overspeed.late = derating.joints_late
         joint_limits = robot.limits.velocity[robot.joint_v].tolist()
         memory.overspeed.limit[: robot.n_joints] = joint_limits
         vehicle_limits = robot.limits.velocity[: robot.n_vehicle].tolist()
