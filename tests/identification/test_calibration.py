@@ -7,6 +7,7 @@ import json
 import random
 import signal
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -328,27 +329,66 @@ def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
     assert np.abs(ends[1] - ends[0] - expected).max() < 0.1 * np.abs(expected).max()
 
 
-def test_a_scale_that_the_position_contradicts_leaves_open_what_depends_on_it() -> None:
+@pytest.mark.parametrize(
+    ("left_out", "known"),
+    [
+        ((), {"velocity scale": "shown", "rate scale": "shown"}),
+        (("linear_velocity",), {"velocity scale": "assumed", "rate scale": "shown"}),
+        (("angular_velocity",), {"velocity scale": "shown"}),
+    ],
+)
+def test_what_was_taken_from_a_pose_is_not_shown_by_it(
+    left_out: tuple[str, ...], known: dict[str, str]
+) -> None:
     settings, recording, found = case()
+    channels = {**recording.channels, "position": _position(recording)}
+    for name in left_out:
+        del channels[name]
+    _, constants = held_constants(_with_channels(channels), settings, found.inflation)
+    scales = {entry.quantity: entry.known for entry in constants if "scale" in entry.quantity}
+    assert scales == known
+
+
+def test_columns_that_were_not_measured_show_no_scale() -> None:
+    settings, recording, found = case()
+    rate = replace(recording.channels["angular_velocity"], constants=(0, 1))
+    channels = {**recording.channels, "angular_velocity": rate}
+    _, constants = held_constants(_with_channels(channels), settings, found.inflation)
+    scales = {entry.quantity: entry.known for entry in constants if "scale" in entry.quantity}
+    assert scales["rate scale"] == "assumed"
+
+
+def _with_channels(channels: Mapping[str, Channel]) -> FitContext:
+    """Return the fit of the case, of a recording with other channels."""
+    settings, recording, found = case()
+    auv = found.subject.vehicle
+    return FitContext(
+        vehicle=auv,
+        rollout=Rollout(stage_of(auv, sharp=True)),
+        prepared=(PreparedRecording.of(replace(recording, channels=channels), auv),),
+        noise=Noise(**settings.noise.model_dump()),
+        search=Search(step=settings.step, segment_length=settings.stretch),
+        estimate=replace(found.estimate, assumed=0.0),
+    )
+
+
+def _position(recording: Recording, scale: float = 1.0) -> Channel:
+    """Integrate the velocity of a recording, less its scale, to a position."""
     velocity = recording.channels["linear_velocity"]
     R = rotations(recording.channels["attitude"], velocity.t)
     in_world = np.einsum("nij,nj->ni", R, velocity.values)
     steps = np.diff(velocity.t)[:, None] * (in_world[1:] + in_world[:-1]) / 2
     way = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    return Channel(t=velocity.t, values=way / scale - [0.0, 0.0, 20.0])
+
+
+def test_a_scale_that_the_position_contradicts_leaves_open_what_depends_on_it() -> None:
+    settings, recording, found = case()
     sigmas = []
     for scale in (1.0, 1.15):
-        position = Channel(t=velocity.t, values=way / scale - [0.0, 0.0, 20.0])
-        channels = {**recording.channels, "position": position}
-        with_position = replace(recording, channels=channels)
-        auv = found.subject.vehicle
-        fitted = FitContext(
-            vehicle=auv,
-            rollout=Rollout(stage_of(auv, sharp=True)),
-            prepared=(PreparedRecording.of(with_position, auv),),
-            noise=Noise(**settings.noise.model_dump()),
-            search=Search(step=settings.step, segment_length=settings.stretch),
-            estimate=replace(found.estimate, assumed=0.0),
-        )
+        channels = {**recording.channels, "position": _position(recording, scale)}
+        fitted = _with_channels(channels)
+        auv = fitted.vehicle
         estimate, constants = held_constants(fitted, settings, found.inflation)
         constant = next(entry for entry in constants if entry.quantity == "velocity scale")
         assert constant.known == "shown"

@@ -17,6 +17,7 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.mounting_checks import Mounting, estimated_mounting
 from uvms_ocp.identification.parameters import Declaration, Unknowns
 from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.identification.turning_checks import GyroMounting, estimated_gyro_mounting
 
@@ -214,20 +215,31 @@ class _Effects:
 
 
 def _moved_by_scales(fitted: FitContext) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield each scale of a measured channel with the slopes (n, 1) of the unknowns with it."""
+    """Yield each scale of a measured channel with the slopes (n, 1) of the unknowns with it.
+
+    A rate that was taken from an attitude has no scale; a velocity that was taken from positions has
+    theirs.
+    """
     factor = 1.0 + _SCALE_STEP
     for name in _SCALES:
         prepared = []
+        n_scaled = 0
         for part in fitted.prepared:
-            if name == "rate scale":
-                rate = replace(part.rate, values=factor * part.rate.values)
-                prepared.append(replace(part, rate=rate))
-            else:
+            scaled = part
+            if name == "velocity scale":
                 velocity = part.recording.channel("linear_velocity")
                 velocity = replace(velocity, values=factor * velocity.values)
                 channels = {**part.recording.channels, "linear_velocity": velocity}
                 recording = replace(part.recording, channels=channels)
-                prepared.append(replace(part, recording=recording))
+                scaled = replace(part, recording=recording)
+                n_scaled += 1
+            elif "angular_velocity" in part.recording.channels:
+                rate = replace(part.rate, values=factor * part.rate.values)
+                scaled = replace(part, rate=rate)
+                n_scaled += 1
+            prepared.append(scaled)
+        if not n_scaled:
+            continue
         problem = replace(fitted, prepared=tuple(prepared)).problem()
         point, _ = problem.stepped(problem.resumed(fitted.estimate))
         yield name, (point.shared - fitted.estimate.shared)[:, None] / _SCALE_STEP
@@ -238,20 +250,43 @@ def _scale_spread(name: str, fitted: FitContext) -> tuple[str, float]:
     channels say that it is, with their standard error, at worst of all recordings.
     """
     spreads = []
+    is_shown_by_all = True
     for part in fitted.prepared:
-        channels = part.recording.channels
-        mounting: Mounting | GyroMounting | None = None
-        if name == "rate scale":
-            if {"attitude", "angular_velocity"} <= channels.keys():
-                mounting = estimated_gyro_mounting(part.recording)
-        elif {"attitude", "linear_velocity", "position"} <= channels.keys():
-            mounting = estimated_mounting(part.recording)
+        mounting: Mounting | GyroMounting | None
+        if name == "velocity scale":
+            mounting = _velocity_mounting(part)
+        elif "angular_velocity" in part.recording.channels:
+            mounting = _gyro_mounting(part)
+        else:
+            continue
         if mounting is not None and mounting.share > _MIN_SHARE:
             spreads.append(float(np.hypot(mounting.scale - 1.0, mounting.scale_sigma)))
-    if len(spreads) < len(fitted.prepared):
-        spreads.append(_SCALE_SPREAD)
-    known = "assumed" if _SCALE_SPREAD in spreads else "shown"
-    return known, max(spreads)
+        else:
+            is_shown_by_all = False
+    if is_shown_by_all:
+        return "shown", max(spreads)
+    return "assumed", max([*spreads, _SCALE_SPREAD])
+
+
+def _velocity_mounting(part: PreparedRecording) -> Mounting | None:
+    """Estimate the mounting of a sensor of velocity; `None` where velocity or position were not
+    measured, each by itself.
+    """
+    channels = part.recording.channels
+    if not part.has_velocity or "position" not in channels:
+        return None
+    needed = ("attitude", "linear_velocity", "position")
+    if any(channels[name].constants for name in needed):
+        return None
+    return estimated_mounting(part.recording)
+
+
+def _gyro_mounting(part: PreparedRecording) -> GyroMounting | None:
+    """Estimate the mounting of a gyro; `None` where not all of its rates were measured."""
+    channels = part.recording.channels
+    if any(channels[name].constants for name in ("attitude", "angular_velocity")):
+        return None
+    return estimated_gyro_mounting(part.recording)
 
 
 def _noise_constants(

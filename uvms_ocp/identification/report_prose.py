@@ -55,7 +55,9 @@ None of them was learnt: where one is wrong, those above take its part. How well
 change most if it were off by as much as it may well be, in standard errors; what is assumed is in the intervals, but
 for biases, trims and currents: what the search has left shows them where they are not next to nothing, and they are to
 be learnt then. They are off by a share of the weight, for moments at an arm of 1 m, and what each recording may have for
-itself by the same in all. Noise weighs one sensor against another: what twice of it would change.
+itself by the same in all. A scale is how many times too much a sensor of velocity or of rates reads, which the fit takes for
+1: where position or attitude show it, it is off by as much as they say, else by as much as is assumed, and both are in
+the intervals. Noise weighs one sensor against another: what twice of it would change.
 
 | number | value | unit | known | if off by | changes most |
 |---|---|---|---|---:|---|"""

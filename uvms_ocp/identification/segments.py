@@ -72,6 +72,8 @@ class PreparedRecording:
 
     recording: recordings.Recording
     """Recording with a linear velocity, as measured or taken from its positions."""
+    has_velocity: bool
+    """True if the linear velocity was measured."""
     rate: recordings.Channel
     """Angular velocity in B [rad/s], as measured or taken from the attitude."""
     commands: ZeroOrderHold
@@ -101,7 +103,8 @@ class PreparedRecording:
             raise InvalidInput(
                 f"{recording.name}: {spans}; give channels of one clock, with times in common"
             )
-        if "linear_velocity" not in channels and "position" in channels:
+        has_velocity = "linear_velocity" in channels
+        if not has_velocity and "position" in channels:
             velocity = pose_velocity(channels["position"], attitude, POSE_INTERVAL)
             recording = replace(recording, channels={**channels, "linear_velocity": velocity})
         recording.channel("linear_velocity")
@@ -115,7 +118,12 @@ class PreparedRecording:
         joints = _joint_positions(recording, vehicle)
         vertical = rotations(attitude, attitude.undelayed_t)[:, 2, :].copy()
         return PreparedRecording(
-            recording=recording, rate=rate, commands=commands, joints=joints, vertical=vertical
+            recording=recording,
+            has_velocity=has_velocity,
+            rate=rate,
+            commands=commands,
+            joints=joints,
+            vertical=vertical,
         )
 
     def segments(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
