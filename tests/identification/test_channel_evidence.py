@@ -8,13 +8,18 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from motions import changed, recorded
 
-from uvms_ocp.identification.channel_evidence import ASPECTS, channel_evidence
-from uvms_ocp.identification.channel_mapping import RecordingMapping
+from uvms_ocp.identification.channel_evidence import channel_evidence
+from uvms_ocp.identification.channel_mapping import (
+    ChannelMapping,
+    RecordingMapping,
+    stated_aspects,
+)
 from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.reading import read_recording
-from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.recording import ASPECTS, Recording
 from uvms_ocp.identification.tables import write_columns, write_recording
 
 
@@ -68,15 +73,53 @@ def test_a_mapping_and_a_header_state_what_they_say(tmp_path: Path) -> None:
     by_aspect = {entry.aspect: entry for entry in channel_evidence(recording)}
     assert by_aspect["unit"].status == "known"
     assert by_aspect["unit"].evidence == "deg, as the file says"
-    assert by_aspect["axes"].evidence == "format: rpy of the mapping"
+    assert by_aspect["axes"].status == "assumed"  # of W and B nothing is said
     assert by_aspect["delay"].evidence == "delay: 0.1 of the mapping"
     assert by_aspect["offset"].status == "assumed"
 
 
-def test_files_of_this_toolkit_state_all(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("key", "keys", "is_stated"),
+    [
+        ("attitude", {"format": "rpy"}, False),
+        ("attitude", {"format": "rpy", "world": "NED"}, False),
+        ("attitude", {"format": "rpy", "world": "NED", "body": "FRD"}, True),
+        ("position", {}, False),
+        ("position", {"world": "z up"}, True),
+        ("linear_velocity", {"frame": "B"}, False),
+        ("linear_velocity", {"body": "FLU"}, True),
+        ("linear_velocity", {"frame": "W"}, False),
+        ("linear_velocity", {"frame": "W", "world": "NED"}, True),
+        ("linear_velocity", {"rows": {"valid": 1}}, False),
+    ],
+)
+def test_axes_are_known_where_all_are_stated_that_they_depend_on(
+    key: str, keys: dict[str, object], is_stated: bool
+) -> None:
+    mapping = ChannelMapping.model_validate({"columns": ["a", "b", "c"], **keys})
+    stated = stated_aspects(key, mapping)
+    assert ("axes" in stated) == is_stated
+    assert "source" not in stated  # which rows are taken does not say of what they are
+
+
+def test_a_written_recording_states_units_and_axes_alone(tmp_path: Path) -> None:
     path = tmp_path / "own.csv"
     write_recording(recorded(), path)
-    assert set(statuses(read_recording(path)).values()) == {"known"}
+    recording = read_recording(path)
+    for name in recording.channels:
+        assert set(recording.stated[name]) == {"unit", "axes"}
+
+
+def test_evidence_names_the_channels_that_it_compares() -> None:
+    recording = recorded()
+    values = 1.01 * recording.channels["linear_velocity"].values
+    entries = channel_evidence(changed(recording, "linear_velocity", values=values))
+    for name in ("position", "linear_velocity"):
+        text = next(
+            entry.evidence for entry in entries if (entry.channel, entry.aspect) == (name, "unit")
+        )
+        assert text.startswith("the velocity reads 1.01")
+        assert "times the way of the position" in text
 
 
 def test_check_recording_gives_them_as_data(tmp_path: Path) -> None:
@@ -88,5 +131,5 @@ def test_check_recording_gives_them_as_data(tmp_path: Path) -> None:
     write_recording(recorded(), path)
     result = CliRunner().invoke(app, ["check-recording", str(path), "--json"])
     data = json.loads(result.stdout)["own"]["evidence"]
-    assert data[0]["status"] == "known"
+    assert {entry["status"] for entry in data if entry["aspect"] == "axes"} == {"known"}
     assert {entry["aspect"] for entry in data} == set(ASPECTS)

@@ -24,7 +24,7 @@ from uvms_ocp.identification import (
 )
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.calibration_robot import CalibratedRobot, calibrated_robot
-from uvms_ocp.identification.channel_evidence import ASPECTS, channel_evidence
+from uvms_ocp.identification.channel_evidence import channel_evidence
 from uvms_ocp.identification.channel_mapping import UNITS, read_mapping
 from uvms_ocp.identification.experiment_design import (
     DesignSettings,
@@ -35,6 +35,7 @@ from uvms_ocp.identification.experiment_design import (
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import read_recording
 from uvms_ocp.identification.recording import (
+    ASPECTS,
     CHANNEL_KINDS,
     Channel,
     Recording,

@@ -13,14 +13,9 @@ from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.identification.data_quality import QualityIssue, check_data_quality
 from uvms_ocp.identification.gravity_checks import G
 from uvms_ocp.identification.mounting_checks import estimated_mounting
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
+from uvms_ocp.identification.recording import ASPECTS, CHANNEL_KINDS, Recording
 from uvms_ocp.identification.turning_checks import estimated_gyro_mounting
 
-ASPECTS = ("source", "unit", "axes", "time", "delay", "offset")
-"""What there is to know of a channel: where its numbers come from, their unit and scale, the frame, the
-order and the signs of its columns, the unit and the beginning of its times, by how much these are
-late, and what is added to its values.
-"""
 _MIN_SHARE = 0.8  # of a motion that is explained, from which on it shows anything
 _NEAR_G = (0.9, 1.1)  # shares of G that show the unit of an accelerometer
 _VERTICAL = 0.9  # share of the mean force along z that shows its vertical axis
@@ -45,7 +40,7 @@ class Evidence:
     channel: str
     """Name of the channel, as in `CHANNEL_KINDS`."""
     aspect: str
-    """One of `ASPECTS`."""
+    """One of `uvms_ocp.identification.recording.ASPECTS`."""
     status: Literal["known", "shown", "assumed"]
     """``known`` from the file or the mapping, ``shown`` by other channels, else ``assumed``."""
     evidence: str
@@ -115,12 +110,16 @@ def _by_velocity(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
     if mounting is None or mounting.share < _MIN_SHARE:
         return
     share = f"{100 * mounting.share:.1f} % of the ways of two seconds explained"
-    scale = f"{mounting.scale:.3f} +- {mounting.scale_sigma:.3f} times the way of the other, but for an error that both have"
+    factor = f"{mounting.scale:.3f} +- {mounting.scale_sigma:.3f}"
+    scale = f"the velocity reads {factor} times the way of the position, but for an error that both have"
     turn = _angles(mounting.turn, mounting.turn_sigma)
+    axes = (
+        f"the axes of the velocity are turned by {turn} deg against those by position and attitude"
+    )
     for name in needed:
         if name != "attitude":
             yield (name, "unit"), f"{scale}; {share}"
-        yield (name, "axes"), f"turned by {turn} deg; {share}"
+        yield (name, "axes"), f"{axes}; {share}"
         yield (name, "time"), share
 
 
@@ -134,8 +133,10 @@ def _by_gyro(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
     if mounting is None or mounting.share < _MIN_SHARE:
         return
     share = f"{100 * mounting.share:.1f} % of the turns of a second explained"
-    scale = f"{mounting.scale:.3f} +- {mounting.scale_sigma:.3f} times the turns of the attitude"
+    factor = f"{mounting.scale:.3f} +- {mounting.scale_sigma:.3f}"
+    scale = f"the gyro reads {factor} times the turns of the attitude"
     turn = _angles(mounting.turn, mounting.turn_sigma)
+    axes = f"the axes of the gyro are turned by {turn} deg against those of the attitude"
     biases = []
     for axis, bias, sigma in zip("xyz", mounting.bias, mounting.bias_sigma, strict=True):
         biases.append(f"{axis} {bias:.4f} +- {sigma:.4f}")
@@ -144,7 +145,7 @@ def _by_gyro(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
     yield ("angular_velocity", "offset"), f"bias of {', '.join(biases)} rad/s"
     yield ("angular_velocity", "delay"), delay
     for name in ("angular_velocity", "attitude"):
-        yield (name, "axes"), f"turned by {turn} deg against the other; {share}"
+        yield (name, "axes"), f"{axes}; {share}"
         yield (name, "time"), share
 
 

@@ -85,8 +85,8 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
         ]
         | None
     ) = None
-    """of an attitude; default: quaternion xyzw; roll, pitch and yaw follow each other about the axes
-    3-2-1 (z, y, x as turned so far), or as said
+    """of an attitude; default: quaternion xyzw; rpy is yaw about z first, then pitch about the new
+    y, then roll about the new x (3-2-1), unless another order is said
     """
     unit: str | None = None
     """of the values; default: as a header says, or that of the channel"""
@@ -154,10 +154,12 @@ def read_mapping(path: Path | str) -> RecordingMapping:
     return mapping
 
 
-def stated_aspects(mapping: ChannelMapping) -> dict[str, str]:
-    """Return what a mapping states of a channel, by aspect of its reading."""
+def stated_aspects(key: str, mapping: ChannelMapping) -> dict[str, str]:
+    """Return what a mapping states of a channel, by aspect of its reading.
+
+    Axes are stated where all are of which they depend: of an attitude those of W and of B.
+    """
     keys_of_aspects: dict[str, tuple[str, ...]] = {
-        "source": ("rows",),
         "unit": ("unit",),
         "axes": ("frame", "world", "body", "format"),
         "time": ("time_unit", "sent_every"),
@@ -167,11 +169,14 @@ def stated_aspects(mapping: ChannelMapping) -> dict[str, str]:
     stated = {}
     for aspect, keys in keys_of_aspects.items():
         parts = []
-        for key in keys:
-            if key in mapping.model_fields_set:
-                parts.append(f"{key}: {getattr(mapping, key)}")
+        for name in keys:
+            if name in mapping.model_fields_set:
+                parts.append(f"{name}: {getattr(mapping, name)}")
         if parts:
             stated[aspect] = f"{', '.join(parts)} of the mapping"
+    sides = {"world", "body"} & set(frames_of(key, mapping.frame))
+    if not sides <= mapping.model_fields_set:
+        stated.pop("axes", None)
     return stated
 
 

@@ -112,7 +112,7 @@ def _stated(
     """Return what the mapping, and units in the file, state of each channel."""
     stated = {}
     for key, channel_mapping in mapping.channels.items():
-        aspects = stated_aspects(channel_mapping)
+        aspects = stated_aspects(key, channel_mapping)
         if "unit" not in aspects and rows[key].stated_unit:
             aspects["unit"] = f"{rows[key].stated_unit}, as the file says"
         if channel_mapping.topic and channel_mapping.time:

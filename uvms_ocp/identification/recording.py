@@ -23,6 +23,11 @@ CHANNEL_TABLE = tomllib.loads(
 """Channels, and units that their values may be given in."""
 SECONDS: Mapping[str, float] = CHANNEL_TABLE["units"]["s"]
 """[s] length of each unit that times may be given in."""
+ASPECTS = ("source", "unit", "axes", "time", "delay", "offset")
+"""What there is to know of a channel: where its numbers come from, their unit and scale, the frame, the
+order and the signs of its columns, the unit and the beginning of its times, by how much these are
+late, and what is added to its values.
+"""
 _NORM_ERROR = 1e-2  # of quaternions, which are stored with few digits
 
 
@@ -41,9 +46,7 @@ class Recording:
     layout: tuple[str, ...] = ()
     """Notes on how files were read, such as units of times."""
     stated: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """What the file or its mapping states of channels, by channel and aspect of
-    `uvms_ocp.identification.channel_evidence`.
-    """
+    """What the file or its mapping states of channels, by channel and one of `ASPECTS`."""
     whole: str = ""
     """Name of the recording that it is a part of; empty for a whole one."""
     at_once: bool = False
@@ -182,9 +185,8 @@ class ChannelKind:
     """True for a command, which is held from one sample to the next; False for a measurement."""
 
 
-def stated_by_format(names: Iterable[str]) -> dict[str, dict[str, str]]:
-    """Return what this toolkit's own files state of channels: all of it."""
-    aspects = ("source", "unit", "axes", "time", "delay", "offset")
+def stated_by_format(names: Iterable[str], aspects: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Return what this toolkit's own files state of channels: some aspects, or all, of each."""
     stated = dict.fromkeys(aspects, "format of this toolkit")
     return dict.fromkeys(names, stated)
 

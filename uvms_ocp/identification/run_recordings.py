@@ -69,7 +69,7 @@ def run_recording(record: Record, name: str) -> recordings.Recording:
         name=name,
         channels=channels,
         issues_in_file=tuple(_spoiled(record)),
-        stated=recordings.stated_by_format(channels),
+        stated=recordings.stated_by_format(channels, recordings.ASPECTS),
         at_once=True,
     )
 

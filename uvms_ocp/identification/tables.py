@@ -412,8 +412,11 @@ def stored_recording(path: Path) -> Recording:
     for name, columns in columns_by_channel.items():
         rows = read_columns(path, [_TIME, *columns])
         channels[name] = _channel(f"{path}: {name}", rows)
+    # What the recording was made of, and how late and how far off it is, the table does not say.
     return Recording(
-        name=path.name.partition(".")[0], channels=channels, stated=stated_by_format(channels)
+        name=path.name.partition(".")[0],
+        channels=channels,
+        stated=stated_by_format(channels, ("unit", "axes")),
     )
 
 
