@@ -54,6 +54,8 @@ PARTS = (
     "§ % of §",
     " as the attitude does",
     " as the position does",
+    "the turns by the gyro",
+    "the way by the velocity",
 )
 """Parts of doubts that stand by themselves in the code, and notes of what was read."""
 CHECKS = (

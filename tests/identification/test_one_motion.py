@@ -14,19 +14,20 @@ from motions import changed, recorded
 
 from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.euler_orders import AXES
+from uvms_ocp.identification.euler_orders import AXES, quaternions_of_angles
 from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.proposed_mapping import propose_mapping
-from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import rotations
 from uvms_ocp.identification.tables import write_columns
 from uvms_ocp.identification.turning_checks import estimated_gyro_mounting
 
 NOISE = 0.01  # [m, m/s, rad/s]
 
 
-def noisy(seed: int = 0) -> Recording:
+def noisy(seed: int = 0, t_end: float = 60.0) -> Recording:
     """Draw a sound recording with noise in all channels but the attitude."""
-    recording = recorded(seed=seed, t_end=60.0)
+    recording = recorded(seed=seed, t_end=t_end)
     rng = np.random.default_rng(seed)
     for name in ("position", "linear_velocity", "angular_velocity"):
         values = recording.channels[name].values
@@ -61,6 +62,33 @@ def test_what_stands_still_is_of_no_other_motion() -> None:
     assert "of another run" not in doubts(recording)
 
 
+@pytest.mark.parametrize("size", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("period", [6.0, 9.0])
+def test_an_accelerometer_in_swell_is_of_the_same_run(size: float, period: float) -> None:
+    """It feels the accelerations of the swell beside its tilts. size: [m/s2]; period: [s]."""
+    t = np.arange(0.0, 120.0, 0.05)
+    angles = 0.12 * np.column_stack([np.sin(0.5 * t), np.sin(0.4 * t), 2.0 * np.sin(0.3 * t)])
+    attitude = Channel(t=t, values=quaternions_of_angles(angles, "rpy"))
+    phase = 2.0 * np.pi * t / period
+    felt = np.column_stack([size * np.sin(phase), size * np.cos(1.1 * phase), 9.81 + 0.0 * t])
+    force = np.einsum("nji,nj->ni", rotations(attitude, t), felt)
+    channels = {"attitude": attitude, "specific_force": Channel(t=t, values=force)}
+    assert "of another run" not in doubts(Recording(name="swell", channels=channels))
+
+
+def test_an_accelerometer_of_another_run_is_said() -> None:
+    recording = recorded(t_end=120.0)
+    foreign = recorded(t_end=120.0, seed=1).channels["attitude"]
+    force = 9.81 * rotations(foreign, foreign.t)[:, 2]
+    channels = {
+        "attitude": recording.channels["attitude"],
+        "specific_force": Channel(t=foreign.t, values=force),
+    }
+    assert "specific_force: does not tilt as the attitude does" in doubts(
+        replace(recording, channels=channels)
+    )
+
+
 @pytest.mark.parametrize("share", [0.5, 0.2])
 def test_two_senders_that_the_file_does_not_name_are_said(share: float) -> None:
     recording = noisy()
@@ -71,6 +99,18 @@ def test_two_senders_that_the_file_does_not_name_are_said(share: float) -> None:
     mixed = np.where(is_other, values + distance, values)
     text = doubts(changed(recording, "position", values=mixed))
     assert text.startswith("position: goes to and fro between two series, 5 m apart")
+
+
+def test_attitudes_of_two_senders_are_apart_by_an_angle() -> None:
+    recording = noisy()
+    values = recording.channels["attitude"].values.copy()
+    turn = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 0.0, np.deg2rad(40.0)))
+    for k in range(0, len(values), 2):
+        values[k] = (turn * pin.Quaternion(values[k])).coeffs()
+    text = doubts(changed(recording, "attitude", values=values))
+    assert text.startswith("attitude: goes to and fro between two series, ")
+    angle = float(text.partition("series, ")[2].partition(" deg apart")[0])
+    assert abs(angle - 40.0) < 4.0
 
 
 def test_a_position_that_is_set_anew_is_said() -> None:
@@ -87,6 +127,20 @@ def test_a_fix_that_is_held_for_some_rows_has_one_sender() -> None:
     values = recording.channels["position"].values
     held = values[np.arange(len(values)) // 5 * 5]
     assert "two series" not in doubts(changed(recording, "position", values=held))
+
+
+@pytest.mark.parametrize(("speed", "held"), [(0.5, 7.0), (0.23, 5.0)])
+def test_a_fix_that_is_held_long_is_not_set_anew(speed: float, held: float) -> None:
+    t = np.arange(0.0, 120.0, 0.05)
+    fixed = held * np.floor(t / held)
+    places = speed * np.column_stack([fixed, 9.0 * np.sin(fixed / 9.0), np.cos(fixed / 9.0)])
+    recording = Recording(name="held", channels={"position": Channel(t=t, values=places)})
+    assert "set anew" not in doubts(recording)
+    places[t > 60.0, 0] += 120.0  # farther than it swims while a fix is held
+    channels = {"position": Channel(t=t, values=places)}
+    assert "goes on from there, 1 times in all: set anew?" in doubts(
+        replace(recording, channels=channels)
+    )
 
 
 def test_scale_axes_and_bias_of_a_gyro_come_back() -> None:
@@ -109,7 +163,39 @@ def test_an_attitude_that_turns_by_itself_is_said_with_its_time() -> None:
     for k in np.flatnonzero((channel.t > 20.0) & (channel.t < 21.0)):
         values[k] = (turn * pin.Quaternion(values[k])).coeffs()
     text = doubts(changed(recording, "attitude", values=values))
-    assert "attitude: turns otherwise than the angular_velocity at 19.75 s" in text
+    assert (
+        "attitude: turns otherwise than the angular_velocity at 2 moments, first at 19.75 s" in text
+    )
+
+
+def test_all_of_a_long_recording_is_looked_at() -> None:
+    recording = noisy(t_end=1500.0)
+    channel = recording.channels["attitude"]
+    turn = pin.Quaternion(pin.rpy.rpyToMatrix(0.5, 0.0, 0.0))
+    values = channel.values.copy()
+    for k in np.flatnonzero((channel.t > 1400.0) & (channel.t < 1401.0)):
+        values[k] = (turn * pin.Quaternion(values[k])).coeffs()
+    text = doubts(changed(recording, "attitude", values=values))
+    assert "turns otherwise than the angular_velocity at 2 moments, first at 1400 s" in text
+
+
+def test_an_order_is_told_of_a_vehicle_that_turns_in_place() -> None:
+    from scipy.spatial.transform import Rotation
+
+    recording = noisy()
+    rotation = Rotation.from_quat(recording.channels["attitude"].values)
+    angles = np.empty((1200, 3))
+    angles[:, AXES["rpy 3-1-2"]] = rotation.as_euler("ZXY")
+    misread = quaternions_of_angles(angles, "rpy")
+    rng = np.random.default_rng(3)
+    for name in ("position", "linear_velocity"):
+        still = [0.0, 0.0, -2.0] if name == "position" else [0.0, 0.0, 0.0]
+        values = still + 0.01 * rng.normal(size=(len(angles), 3))
+        recording = changed(recording, name, values=values)
+    assert "reads better" not in doubts(recording)
+    text = doubts(changed(recording, "attitude", values=misread))
+    assert "reads better with format: rpy 3-1-2" in text
+    assert "% of the turns by the gyro unexplained in place of " in text
 
 
 @pytest.mark.parametrize("scale", [0.95, 1.05, 1.15])
@@ -159,6 +245,20 @@ def test_a_column_of_few_digits_is_said(name: str, step: float) -> None:
     values[:, 2] = step * np.round(values[:, 2] / step)
     text = doubts(changed(recording, name, values=values))
     assert f"{name}: z changes in steps of {step:g} " in text
+
+
+def test_few_digits_are_said_whatever_else_is_wrong() -> None:
+    recording = noisy()
+    velocity = recording.channels["linear_velocity"]
+    kept = (velocity.t < 20.0) | (velocity.t > 24.0)
+    recording = changed(
+        recording, "linear_velocity", t=velocity.t[kept], values=velocity.values[kept]
+    )
+    values = recording.channels["position"].values.copy()
+    values[:, 2] = 0.2 * np.round(values[:, 2] / 0.2)
+    text = doubts(changed(recording, "position", values=values))
+    assert "linear_velocity: 1 gaps" in text
+    assert "position: z changes in steps of 0.2 m" in text
 
 
 def test_digits_that_sensors_have_are_enough() -> None:

@@ -56,6 +56,7 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     # No check knows which of two senders a sample is of.
     mixed = list(of_senders(recording, {name for name, _ in issues}))
     issues += mixed
+    n_of_samples = len(issues)
     wrong |= {name for name, _ in mixed}
     sound = {}
     for name, channel in recording.channels.items():
@@ -78,6 +79,10 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     for check in (of_poses, of_rates, of_joints, of_gravity, of_stuck):
         issues += check(remaining)
         forget(channel.values for channel in sound.values())
+    # What is read in another unit has other steps.
+    resized = {name for name, text in issues[n_of_samples:]}
+    resized |= {name for name, text in issues if "is it in" in text}
+    coarse = [doubt for doubt in of_resolution(remaining) if doubt[0] not in resized]
     # By wrong axes no vehicle follows its commands, and no column is that of its axis.
     has_wrong_axes = any(name in PARTNER and "its axes fit" in text for name, text in issues)
     if not has_wrong_axes:
@@ -87,12 +92,12 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
         if not doubted & _MOTION_CHANNELS:
             foreign = list(of_shared_motion(remaining))
             issues += foreign
-            issues += of_resolution(remaining)
             if not foreign:
                 issues += of_mounting(remaining)
                 issues += of_turning(remaining)
         issues += of_commands(remaining)
         forget(channel.values for channel in sound.values())
+    issues += coarse
     distinct = _without_repetitions(issues)
     return tuple(QualityIssue(channel=name, problem=text) for name, text in distinct)
 

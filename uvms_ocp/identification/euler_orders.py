@@ -31,6 +31,11 @@ _MOST_LEFT = 0.7  # share beyond which something else than an order is wrong
 _MUCH_LESS = 0.5  # share of what is left unexplained, which is left with the right order
 _LITTLE = 0.05  # share that is left unexplained with the right order, at most
 _NO_MORE = 1.1  # factor by which it may grow for another channel
+_MOTIONS = {
+    "angular_velocity": "the turns by the gyro",
+    "linear_velocity": "the way by the velocity",
+}
+"""What an attitude is compared with, by channels."""
 
 
 def quaternions_of_angles(angles: np.ndarray, form: str) -> np.ndarray:
@@ -60,7 +65,8 @@ def of_order(recording: Recording) -> Iterator[tuple[str, str]]:
             continue
         quaternions = continuous_quaternions(quaternions_of_angles(angles, form))
         channels = {**recording.channels, "attitude": replace(attitude, values=quaternions)}
-        unexplained = _unexplained(replace(recording, channels=channels))
+        by_form = _unexplained(replace(recording, channels=channels))
+        unexplained = {name: by_form.get(name, 1.0) for name in present}
         is_best = sum(unexplained.values()) < sum(best.values())
         if is_best and _is_better(unexplained, present):
             best_form = form
@@ -71,8 +77,8 @@ def of_order(recording: Recording) -> Iterator[tuple[str, str]]:
         yield (
             "attitude",
             (
-                f"reads better with format: {best_form}, were it of roll, pitch and yaw: {after} of"
-                f" what it is compared with are left unexplained, and {before} as it is"
+                f"reads better with format: {best_form}, were it of roll, pitch and yaw: it leaves"
+                f" {after} unexplained in place of {before}"
             ),
         )
 
@@ -86,15 +92,18 @@ def _angles(quaternions: np.ndarray) -> np.ndarray:
 
 def _unexplained(recording: Recording) -> dict[str, float]:
     """Compute the share of turns, and of displacements, that is left by the best mounting of gyro and
-    sensor of velocity; all of it where no mounting is found.
+    sensor of velocity; a sensor of which no mounting is found, as of what does not move, is left
+    out.
     """
     unexplained = {}
     if "angular_velocity" in recording.channels:
         gyro = estimated_gyro_mounting(recording)
-        unexplained["angular_velocity"] = 1.0 if gyro is None else 1.0 - gyro.share
+        if gyro is not None:
+            unexplained["angular_velocity"] = 1.0 - gyro.share
     if {"position", "linear_velocity"} <= recording.channels.keys():
         velocity = estimated_mounting(recording)
-        unexplained["linear_velocity"] = 1.0 if velocity is None else 1.0 - velocity.share
+        if velocity is not None:
+            unexplained["linear_velocity"] = 1.0 - velocity.share
     return unexplained
 
 
@@ -110,5 +119,7 @@ def _is_better(unexplained: dict[str, float], present: dict[str, float]) -> bool
 
 
 def _percentages(unexplained: dict[str, float]) -> str:
-    """Write shares as percentages, with the channels that they are of."""
-    return ", ".join(f"{100 * share:.2g} % of {name}" for name, share in unexplained.items())
+    """Write shares as percentages, with the motions that they are of."""
+    return " and ".join(
+        f"{100 * share:.2g} % of {_MOTIONS[name]}" for name, share in unexplained.items()
+    )

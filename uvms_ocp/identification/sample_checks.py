@@ -44,7 +44,7 @@ _FARTHEST = {
 """[unit of the channel] least distance of values that are far off."""
 _SPIKE = 10.0  # usual steps from which on a step is a jump
 _AROUND = 5  # samples before and after a jump that tell whether it lasts
-_RESET = 1.0  # [m] least jump of a position that is said to be set anew
+_RESET = 1.0  # [m] least jump that is said to be set anew: acoustic fixes wander by less
 _RESET_STEPS = 20.0  # usual steps that such a jump is longer than
 _MOST_RESETS = 20  # jumps; more of them are of another kind
 _CLIPPED = 5  # samples at the end of a range, from which on it is the sensor's
@@ -127,7 +127,12 @@ def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
 def _resets(t: np.ndarray, places: np.ndarray) -> Iterator[str]:
     """Check for jumps of a position (n, k) [m] at t (n,) [s], after which it goes on where it has come
     to: an estimate that was set anew.
+
+    A fix that is held over rows is one fix, with the time of its first row.
     """
+    is_new = np.r_[True, (np.diff(places, axis=0) != 0.0).any(axis=1)]
+    t = t[is_new]
+    places = places[is_new]
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     if len(steps) < 2 * _AROUND:
         return

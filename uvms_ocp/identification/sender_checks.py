@@ -29,6 +29,9 @@ def of_senders(recording: Recording, doubted: Collection[str]) -> Iterator[tuple
         distance = _distance_of_two(recording.channels[name])
         if distance is not None:
             unit = CHANNEL_KINDS[name].unit
+            if name == "attitude":  # unit quaternions are twice the sine of a quarter apart
+                distance = np.rad2deg(4.0 * np.arcsin(min(distance / 2.0, 1.0)))
+                unit = "deg"
             yield (
                 name,
                 (

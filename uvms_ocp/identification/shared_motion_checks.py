@@ -1,5 +1,5 @@
 """Check that channels are of the same motion at all: what one says of it must explain some of what its
-partner says, over short and long periods, at a time offset or not.
+partner says, over short and long periods, with the clocks as they are.
 
 A channel of another run, of another vehicle or of a clock that nothing ties to the others agrees by
 chance alone. Noise of either channel is estimated from its own samples: what does not move beyond it
@@ -35,6 +35,7 @@ _OF_MEDIAN = 1.2  # standard deviation by the root of the median square, of thre
 _MIN_DISTANCE = 0.05  # [m] standard deviation of displacements that are compared
 _MIN_ANGLE = 0.05  # [rad] standard deviation of turns that are compared
 _MIN_TILT = 1.0  # [m/s2] standard deviation of gravity in B that is compared
+_G = 9.81  # [m/s2]
 
 
 def of_shared_motion(recording: Recording) -> Iterator[tuple[str, str]]:
@@ -111,12 +112,16 @@ def _of_travel(recording: Recording) -> float | None:
 def _of_tilt(attitude: Channel, force: Channel) -> float | None:
     """Compute the share of gravity in B, by an attitude, that an accelerometer explains; `None` where
     it cannot be judged.
+
+    In swell it feels accelerations too. They change the size of what it feels: tilts are compared
+    where gravity in B moves by more than the accelerations that this size leaves room for.
     """
     t, felt = smoothed(force.undelayed_t, force.values, WINDOW)
     inside = (t > attitude.undelayed_t[0]) & (t < attitude.undelayed_t[-1])
     if not inside.any():
         return None
-    up = 9.81 * rotations(attitude, t[inside])[:, 2]
+    up = _G * rotations(attitude, t[inside])[:, 2]
+    min_tilt = max(_MIN_TILT, _largest_acceleration(felt[inside]))
     shares = []
     for period in _PERIODS:
         expected = _means(up, period)
@@ -125,10 +130,19 @@ def _of_tilt(attitude: Channel, force: Channel) -> float | None:
             continue
         expected = expected - expected.mean(axis=0)
         measured = measured - measured.mean(axis=0)
-        moves = min(np.sqrt((x**2).sum(axis=1).mean()) for x in (expected, measured))
-        if moves > _MIN_TILT:
+        moves_expected = np.sqrt((expected**2).sum(axis=1).mean())
+        moves_measured = np.sqrt((measured**2).sum(axis=1).mean())
+        if moves_expected > min_tilt and moves_measured > _MIN_TILT:
             shares.append(_share(measured, expected))
     return max(shares, default=None)
+
+
+def _largest_acceleration(felt: np.ndarray) -> float:
+    """Bound the root mean square of accelerations [m/s2] by specific forces (n, 3) [m/s2]: one across
+    gravity changes their size least, by its square over twice gravity.
+    """
+    deviations = np.linalg.norm(felt, axis=1) - _G
+    return float(np.sqrt(2.0 * _G * np.sqrt((deviations**2).mean())))
 
 
 def _best_share(

@@ -20,7 +20,7 @@ from uvms_ocp.identification.resampling import GRID, interpolated, rotations
 _PERIOD = 1.0  # [s] of each turn
 _LONGEST_INTERVAL = 0.21  # [s] between samples, beyond which lines between them are no motion
 _STRIDE = 0.25  # [s] between the beginnings of two turns
-_LONGEST = 1200.0  # [s] of a recording that are looked at
+_PIECE_TURNS = 4800  # that are put together at once: 20 minutes
 _ROUNDS = 5  # of Gauss-Newton
 _OUTLIER = 5.0  # median residuals beyond which a turn does not count
 _MAX_DELAY = 0.3  # [s] up to which the equations are linear
@@ -140,12 +140,13 @@ def _lost_turns(mounting: GyroMounting) -> Iterator[tuple[str, str]]:
         return
     first = mounting.t[int(np.argmax(is_lost))]
     n_times = int((~is_lost[:-1] & is_lost[1:]).sum() + is_lost[0])
+    moments = "1 moment" if n_times == 1 else f"{n_times} moments"
     yield (
         "attitude",
         (
-            f"turns otherwise than the angular_velocity at {first:.4g} s, by up to"
-            f" {np.rad2deg(mounting.residuals.max()):.0f} deg in a second, {n_times} times in all, and as"
-            " that says elsewhere: lost, or set anew?"
+            f"turns otherwise than the angular_velocity at {moments}, first at {first:.4g} s, by up to"
+            f" {np.rad2deg(mounting.residuals.max()):.0f} deg in a second, and agrees with it at all other"
+            " times: lost, or set anew?"
         ),
     )
 
@@ -220,7 +221,7 @@ class _Turns:
         gyro = recording.channels["angular_velocity"]
         t_gyro = gyro.undelayed_t
         begin = max(t_gyro[0], attitude.undelayed_t[0])
-        end = min(t_gyro[-1], attitude.undelayed_t[-1], begin + _LONGEST)
+        end = min(t_gyro[-1], attitude.undelayed_t[-1])
         intervals = [float(np.median(np.diff(channel.t))) for channel in (attitude, gyro)]  # [s]
         if max(intervals) > _LONGEST_INTERVAL:
             return None
@@ -251,6 +252,34 @@ class _Turns:
         """Build the equations (n, 3, 8) of what is left of the turns (n, 3) [rad] after those by the
         gyro: in scale, turn (3), delay and bias (3), of readings at these.
         """
+        pieces = []
+        for begin in range(0, len(self.first), _PIECE_TURNS):
+            piece = self._piece(begin, begin + _PIECE_TURNS)
+            pieces.append(piece._equations_at_once(factor, turn, bias, delay))
+        return (
+            np.concatenate([A for A, _ in pieces]),
+            np.concatenate([residuals for _, residuals in pieces]),
+        )
+
+    def _piece(self, begin: int, end: int) -> _Turns:
+        """Return the turns from one index to before another, with the readings during them alone."""
+        chosen = slice(begin, end)
+        first = self.first[chosen]
+        last = self.last[chosen]
+        during = slice(first[0], last[-1])
+        return _Turns(
+            by_attitude=self.by_attitude[chosen],
+            rates=self.rates[during],
+            slopes=self.slopes[during],
+            first=first - first[0],
+            last=last - first[0],
+            t=self.t[chosen],
+        )
+
+    def _equations_at_once(
+        self, factor: float, turn: np.ndarray, bias: np.ndarray, delay: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Build the equations of `equations` from the product of all turns between readings."""
         omega = factor * (self.rates + delay * self.slopes) @ turn.T - bias
         attitudes = _cumulative_products(_rotation_matrices(GRID * omega))  # by the gyro alone
         R_end = attitudes[self.last]
