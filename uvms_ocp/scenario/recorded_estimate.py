@@ -84,9 +84,9 @@ def estimate_recording(
     does.
 
     recording: record of a run with noisy sensors, whose commands the filter gets too; or a
-    recording of another vehicle, without commands, whose newest readings the filter gets at every
+    recording by other software, without commands, whose newest readings the filter gets at every
     tick of dt [s]. specs: sensors to expect, by default those of the robot's file, at the rates
-    that a recording of another vehicle has. faults: faults of sensors, added to the readings.
+    that a recording by other software has. faults: faults of sensors, applied to the readings.
     folder: new folder, to which rows are written in place of memory.
 
     Columns of each channel: number of ``readings`` that arrived, their mean delay ``delay_s``, how
@@ -274,7 +274,7 @@ def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, 
 def _sent(
     recording: Recording, robot: Robot, specs: SensorSpecs, dt: float
 ) -> tuple[dict[str, _Arrivals], int, float]:
-    """Return the readings of another vehicle's recording by channel, at times since the first of
+    """Return the readings of a recording by other software by channel, at times since the first of
     them, with the number of ticks and their period [s].
     """
     if recording.at_once:

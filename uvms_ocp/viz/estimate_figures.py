@@ -100,7 +100,7 @@ def _draw(
     errors: np.ndarray,
     spreads: np.ndarray,
 ) -> None:
-    """Draw errors (n, lines) over time, each between its two standard deviations."""
+    """Draw errors (n, lines) over time, each between lines at two standard deviations to either side."""
     for i, (name, color) in enumerate(zip(names, colors, strict=True)):
         axis.plot(t, errors[:, i], color=color, lw=0.9, label=name)
         for sign in (-2.0, 2.0):
