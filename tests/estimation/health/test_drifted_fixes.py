@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from health_run import HealthRun, drifting_until, swaying
+from health_run import HealthRun, drifting, drifting_until, swaying
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -47,6 +47,26 @@ def test_fixes_that_drifted_for_a_while_come_back_soon(
     assert STEP * (run.of("linear_velocity") == Trust.LOST).sum() <= LOST
     is_late = run.t > END + 8.0
     assert np.abs(run.q_estimated - run.q)[is_late, :3].max() < 0.15
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_fixes_that_came_back_are_compared_on(seed: int, robot: Robot) -> None:
+    """For 20 s after their end noise began comparisons anew, as if they came back again and again: a
+    second drift was found after 16 s and more.
+    """
+    still = np.zeros(robot.n_v)
+    drift = drifting_until("position", np.array([0.1, 0.0, 0.0]), ONSET, END)
+    again = drifting("position", np.array([0.03, 0.0, 0.0]), END + 6.0)
+    run = HealthRun(
+        robot,
+        duration=END + 26.0,
+        spoil=lambda readings, t: again(drift(readings, t), t),
+        motion=lambda t: still,
+        dt=STEP,
+        start_z=-37.0,
+        seed=seed,
+    )
+    assert run.first_bad("position", END + 6.0) < 11.0
 
 
 PAIR = {"position", "linear_velocity"}

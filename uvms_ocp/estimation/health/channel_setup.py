@@ -86,6 +86,7 @@ def health_memory(
         channel.refused_at = -math.inf
         channel.impossible_at = -math.inf
         channel.bad_at = -math.inf
+        channel.doubted_at = -math.inf
         channel.excluded_until = -math.inf
         channel.compared_at = -math.inf
         channel.taken = math.nan

@@ -95,6 +95,10 @@ class ChannelMemory(Layout):
     """
     bad_at: float
     """[s] time of the last complaint about the channel."""
+    doubted_at: float
+    """[s] time of the last complaint about readings that were used, or of silence: refused ones alone
+    spoil nothing.
+    """
     excluded_until: float
     """[s] time from which readings may be used again."""
     compared_at: float
@@ -206,6 +210,8 @@ class HealthMemory(Layout):
     """`ChannelIndex` of the channel by which the height is wrong, -1 for none."""
     blamed_at: float
     """[s] time at which it was found last."""
+    ways_turned: bool
+    """Ways by the DVL have drifted from fixes or depths while the attitude was in doubt."""
     encoder: redundancy.RateAgainstEncoder
 
 
@@ -235,11 +241,16 @@ def reject(channel: ChannelMemory, why: Complaint, t: float) -> None:
     """Refuse a reading at time t [s], and note why."""
     _mark_refused(channel, t)
     channel.impossible_at = t
-    suspect(channel, why, t)
+    _complain(channel, why, t)
 
 
 def suspect(channel: ChannelMemory, why: Complaint, t: float) -> None:
     """Note a complaint about the channel at time t [s]; its readings are used all the same."""
+    _complain(channel, why, t)
+    channel.doubted_at = t
+
+
+def _complain(channel: ChannelMemory, why: Complaint, t: float) -> None:
     if channel.trust == Trust.GOOD or channel.complaint.code == Reason.NONE:
         copy_complaint(channel.complaint, why)
     channel.bad_at = t
@@ -293,10 +304,10 @@ def update_trust(health: HealthMemory, channel: ChannelMemory) -> bool:
         elif (
             _is_suspect(health, channel.rival)
             or _is_suspect(health, channel.other_rival)
-            or (is_turned_by_attitude(channel.number) and is_attitude_doubted(health))
+            or _is_misjudged(health, channel, period)
         ):
             trust = min(trust, int(Trust.SUSPECT))
-    elif _is_disputed(health, channel) or _seems_flat(health, channel, period):
+    elif _is_disputed(health, channel) or _is_left_out(health, channel, period):
         trust = min(trust, int(Trust.SUSPECT))
     if trust != Trust.GOOD:
         _be_silent(channel, quiet, health.t, trust != channel.trust)
@@ -305,8 +316,9 @@ def update_trust(health: HealthMemory, channel: ChannelMemory) -> bool:
     else:
         channel.complaint.code = Reason.NONE
     channel.changed = trust != channel.trust
-    if channel.number == ChannelIndex.ATTITUDE and channel.changed and trust == Trust.GOOD:
+    if health.ways_turned and not is_attitude_doubted(health):
         redundancy.forget_ways(health.velocity)
+        health.ways_turned = False
     if channel.trust == Trust.GOOD and channel.changed:
         channel.shift = 0.0
     channel.trust = trust
@@ -348,20 +360,36 @@ def _is_disputed(health: HealthMemory, channel: ChannelMemory) -> bool:
     return is_velocity and is_unused and _is_suspect(health, channel.rival)
 
 
-def _seems_flat(health: HealthMemory, channel: ChannelMemory, period: float) -> bool:
-    """Return whether echoes of an altimeter come and are not used, as the beam may seem to lie flat by
-    an attitude that is in doubt.
+def _is_left_out(health: HealthMemory, channel: ChannelMemory, period: float) -> bool:
+    """Return whether echoes of an altimeter come that can be, and are not used as by an attitude that is
+    in doubt the beam seems to lie flat, or the floor to be farther away.
     """
     is_altimeter = channel.number == ChannelIndex.ALTIMETER_RANGE
-    patience = channel.delay + max(_LEAST_TO_LOSE, _PERIODS_TO_LOSE * period)
-    is_speaking = health.t - channel.seen <= patience
-    return is_altimeter and is_speaking and is_attitude_doubted(health)
+    is_speaking = health.t - channel.seen <= _patience(channel, period)
+    return is_altimeter and is_speaking and _is_misjudged(health, channel, period)
+
+
+def _is_misjudged(health: HealthMemory, channel: ChannelMemory, period: float) -> bool:
+    """Return whether readings that are turned into W may not be used because the attitude is in doubt:
+    echoes that were refused of late could not be by any attitude.
+    """
+    is_altimeter = channel.number == ChannelIndex.ALTIMETER_RANGE
+    if is_altimeter and health.t - channel.impossible_at <= _patience(channel, period):
+        return False
+    return is_turned_by_attitude(channel.number) and is_attitude_doubted(health)
+
+
+def _patience(channel: ChannelMemory, period: float) -> float:
+    """Return the time [s] after which a channel that says nothing, or is always refused, is lost."""
+    return channel.delay + max(_LEAST_TO_LOSE, _PERIODS_TO_LOSE * period)
 
 
 def is_attitude_doubted(health: HealthMemory) -> bool:
-    """Return whether the attitude may be wrong, and with it all that it turns into W."""
+    """Return whether the estimated attitude may be wrong, and with it all that it turns into W: not by
+    spikes, which are refused.
+    """
     attitude = health.channels[ChannelIndex.ATTITUDE]
-    return attitude.present and attitude.trust != Trust.GOOD
+    return attitude.present and health.t - attitude.doubted_at <= health.clean
 
 
 def is_turned_by_attitude(number: int) -> bool:
@@ -467,6 +495,7 @@ def _be_silent(channel: ChannelMemory, quiet: float, t: float, anew: bool) -> No
                 0.0,
             )
     channel.bad_at = t
+    channel.doubted_at = t
 
 
 def _is_suspect(health: HealthMemory, channel: int) -> bool:

@@ -225,6 +225,13 @@ def accept_echo(floor: FloorMemory, why: Complaint) -> bool:
     return _farther(floor, step, why)
 
 
+def is_farther(floor: FloorMemory) -> bool:
+    """Return whether the echo from `here` shows a floor that is farther away than those so far, which
+    it does not change.
+    """
+    return floor_step(floor.accepted, floor.here, floor.base, floor.slope) < 0.0
+
+
 def _accept(floor: FloorMemory) -> None:
     accepted = floor.accepted
     if (

@@ -375,11 +375,11 @@ def _screen_new(health: channel_state.HealthMemory, channel: channel_state.Chann
     barred = channel_state.is_excluded(channel, health.t)
     belief = health.belief
     screening.screen_reading(health, channel, slot)
-    if not belief.used:
+    if not belief.used and belief.why.code != Reason.NONE:
         channel_state.reject(channel, belief.why, health.t)
-    elif not barred and screening.is_empty(channel):
+    elif belief.used and not barred and screening.is_empty(channel):
         channel_state.accept_empty(channel)
-    elif not barred:
+    elif belief.used and not barred:
         channel_state.accept(channel, health.t)
     if belief.used and belief.why.code != Reason.NONE:
         channel_state.suspect(channel, belief.why, health.t)

@@ -188,6 +188,8 @@ class VelocityAgainstPosition(Layout):
     """(3,) [m] difference of fixes from the way in W before they began to drift apart."""
     drifted_t: float
     """[s] when they did so for the last time; -inf where `before` is not known."""
+    undone: bool
+    """Fixes are back from where they had drifted to, and the estimate is not yet."""
 
 
 class RateAgainstAttitude(Layout):
@@ -353,7 +355,6 @@ def update_velocity(comparison: VelocityAgainstPosition, v_W: Vector, t: float) 
     if not is_connected:
         forget_ways(comparison)
         comparison.ways.count = 0
-        comparison.drifted_t = -math.inf
     squared = 0.0
     for i in range(3):
         step = 0.5 * dt * (v_W[i] + comparison.velocity[i]) if is_connected else 0.0
@@ -367,6 +368,12 @@ def update_velocity(comparison: VelocityAgainstPosition, v_W: Vector, t: float) 
 
 def forget_ways(comparison: VelocityAgainstPosition) -> None:
     """Begin all comparisons with the DVL anew."""
+    comparison.drifted_t = -math.inf
+    comparison.undone = False
+    _forget_offsets(comparison)
+
+
+def _forget_offsets(comparison: VelocityAgainstPosition) -> None:
     comparison.quick.samples.count = comparison.slow.samples.count = 0
     comparison.depth.samples.count = comparison.quick_depth.samples.count = 0
 
@@ -411,9 +418,11 @@ def note_drift(comparison: VelocityAgainstPosition, t: float) -> None:
     comparison.drifted_t = t
 
 
-def undoes_drift(comparison: VelocityAgainstPosition, value: Vector, off: float, t: float) -> bool:
+def undo_drift(comparison: VelocityAgainstPosition, value: Vector, off: float, t: float) -> bool:
     """Return whether a fix (3,) [m] in W at time t [s], which is off the estimate by off [m], is where
     the DVL has gone since before the two drifted apart: then fixes drifted, and do no more.
+
+    Comparisons then begin anew, as the way back is no drift of the DVL.
     """
     is_known = 0.0 <= t - comparison.drifted_t <= _LONG_SPAN and comparison.ways.count > 0
     if not (is_known and abs(t - comparison.t) <= _GAP):
@@ -422,7 +431,18 @@ def undoes_drift(comparison: VelocityAgainstPosition, value: Vector, off: float,
     for i in range(3):
         rest = value[i] - _way_at(comparison, i, t) - comparison.before[i]
         squared += rest * rest
-    return math.sqrt(squared) <= _UNDONE * off
+    if math.sqrt(squared) > _UNDONE * off:
+        return False
+    comparison.undone = True
+    _forget_offsets(comparison)
+    return True
+
+
+def end_drift(comparison: VelocityAgainstPosition) -> None:
+    """Forget from where fixes had drifted once the estimate is back there too."""
+    if comparison.undone:
+        comparison.drifted_t = -math.inf
+        comparison.undone = False
 
 
 def _forget_what_is_over(slow: DriftWindow, quick: DriftWindow, first: int) -> None:

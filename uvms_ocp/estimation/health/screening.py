@@ -136,9 +136,9 @@ def _agrees(
         error <= allowed
         or _goes_on(channel)
         or undoes_jump(channel)
-        or is_back
         or _turns_with_gyro(health, channel)
         or _are_seen(health, channel, estimate, allowed)
+        or is_back
     ):
         set_complaint(why, Reason.OFF, error, allowed)
         channel.off_in_a_row += 1
@@ -177,15 +177,13 @@ def _goes_on(channel: ChannelMemory) -> bool:
 
 
 def _undoes_drift(health: HealthMemory, channel: ChannelMemory, off: float) -> bool:
-    """Return whether fixes are back from where they had drifted to; comparisons then begin anew, as
-    the way back is no drift of the DVL.
-    """
+    """Return whether fixes are back from where they had drifted to, which the estimate is not."""
     if channel.number != ChannelIndex.POSITION:
         return False
-    if not redundancy.undoes_drift(health.velocity, channel.value, off, channel.stamp):
+    if off <= channel.gate.base:
+        redundancy.end_drift(health.velocity)
         return False
-    redundancy.forget_ways(health.velocity)
-    return True
+    return redundancy.undo_drift(health.velocity, channel.value, off, channel.stamp)
 
 
 def _turns_with_gyro(health: HealthMemory, channel: ChannelMemory) -> bool:
@@ -250,9 +248,12 @@ def _is_floor(
     at = zeros(3)
     plausibility.rotate(estimate.q, estimate.beam_up, up)
     plausibility.rotate(estimate.q, estimate.beam_at, at)
-    if up[2] <= kinematics.STEEP or is_attitude_doubted(health):
+    if up[2] <= kinematics.STEEP:
         return True
     _place(health.floor.here, channel, estimate, up, at)
+    if is_attitude_doubted(health):
+        # What seems to be another floor may be another tilt: a nearer one is the safe case.
+        return not floor.is_farther(health.floor)
     return floor.accept_echo(health.floor, why)
 
 
@@ -343,10 +344,8 @@ def _compare_fix(
     by = redundancy.depth_difference(health.depth, channel.value[2], v_W[2], channel.stamp)
     _find_culprit(health)
     culprit = culprit_of_height(health)
-    if quick > 0.0 or slow > 0.0:
-        redundancy.note_drift(health.velocity, channel.stamp)
     if _explains_drift(health):
-        _blame_attitude(health, why, max(quick, slow))
+        _note_turned_ways(health, max(quick, slow))
     elif is_comparable and quick > 0.0:
         set_complaint(why, Reason.DRIFT, quick, 0.0)
         _blame_quick_drift(health, channel, velocity, why, slow)
@@ -387,16 +386,15 @@ def _explains_drift(health: HealthMemory) -> bool:
     code = velocity.complaint.code
     is_drift = code == Reason.DRIFT or code == Reason.DEPTH_DRIFT
     is_adrift = velocity.trust != signals.Trust.GOOD and is_drift
-    return is_attitude_doubted(health) and not is_adrift
+    return (is_attitude_doubted(health) or health.ways_turned) and not is_adrift
 
 
-def _blame_attitude(health: HealthMemory, why: Complaint, drift: float) -> None:
-    """Go on doubting the attitude where ways that it turns into W drift from fixes by so much
-    [m/s].
+def _note_turned_ways(health: HealthMemory, drift: float) -> None:
+    """Note that ways which a doubted attitude turns into W drift from fixes or depths by so much [m/s]:
+    they speak against nobody once it is good again.
     """
     if drift > 0.0:
-        set_complaint(why, Reason.DRIFT, drift, 0.0)
-        suspect(health.channels[ChannelIndex.ATTITUDE], why, health.t)
+        health.ways_turned = True
 
 
 def _blame_quick_drift(
@@ -412,6 +410,7 @@ def _blame_quick_drift(
     fixes jumped, or depths tell that they drift.
     """
     if culprit_of_height(health) == ChannelIndex.POSITION:
+        redundancy.note_drift(health.velocity, position.stamp)
         exclude(position, why, health.t, health.clean)
         return
     guilty = _is_guilty(health, position)
@@ -424,6 +423,7 @@ def _blame_quick_drift(
         health.exposed = True
     is_told = culprit_of_height(health) == ChannelIndex.LINEAR_VELOCITY
     if guilty == velocity_is_guilty and slow > 0.0 and not is_told:
+        redundancy.note_drift(health.velocity, position.stamp)
         suspect(position, why, health.t)
 
 
@@ -434,11 +434,14 @@ def _blame_slow_drift(
     depths where it is along z too.
     """
     if culprit_of_height(health) == ChannelIndex.POSITION:
+        redundancy.note_drift(health.velocity, position.stamp)
         exclude(position, why, health.t, health.clean)
     elif culprit_of_height(health) == ChannelIndex.LINEAR_VELOCITY:
         if exclude(velocity, why, health.t, health.clean):
             health.exposed = True
     else:
+        if _is_guilty(health, position) or not _is_guilty(health, velocity):
+            redundancy.note_drift(health.velocity, position.stamp)
         _suspect_likelier(health, ChannelIndex.POSITION, ChannelIndex.LINEAR_VELOCITY, -1)
 
 
@@ -451,7 +454,7 @@ def _compare_depth(health: HealthMemory, channel: ChannelMemory, why: Complaint)
     if rate > 0.0:
         set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
         if _explains_drift(health):
-            _blame_attitude(health, why, rate)
+            _note_turned_ways(health, rate)
         elif not health.channels[ChannelIndex.POSITION].present:
             suspect(channel, why, health.t)
         elif culprit_of_height(health) == ChannelIndex.LINEAR_VELOCITY:
