@@ -18,7 +18,7 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, arrays_of, structure_of
 from uvms_ocp.estimation.tuning import EstimatorTuning
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, SAME_TIME, SensorSpecs
+from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
 from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
 
 N_VEHICLE = 7
@@ -60,6 +60,7 @@ JOLT_TIME = 0.015
 """[s] longest time for which gates allow it: what lasts longer shows in other readings."""
 SLOW_TICK = 0.02
 """[s] longest tick of a loop in which other readings show in time what weight and one thruster do."""
+_FULL_TICK = 0.03  # [s] of a loop from which on gates allow it for a whole tick
 SLOWEST_TICK = 0.05
 """[s] longest tick of a slower loop for whose whole length gates allow that."""
 BIAS_DRIFTS = (1e-5, 1e-5, 1e-4)
@@ -134,11 +135,11 @@ def orders_of(channel: int) -> int:
 
 def pushed_time(time: float) -> float:
     """Return the part of a time [s] between two readings for which gates grant what weight and one
-    thruster do; 0 where the loop is quick enough for others to show it. A kernel.
+    thruster do; 0 where the loop is quick enough for others to show it, and little where it is but a
+    little slower. A kernel.
     """
-    if time > SLOW_TICK + SAME_TIME:
-        return min(time, SLOWEST_TICK)
-    return 0.0
+    slow = max((time - SLOW_TICK) / (_FULL_TICK - SLOW_TICK), 0.0)
+    return min(slow * _FULL_TICK, time, SLOWEST_TICK)
 
 
 class Part(IntEnum):

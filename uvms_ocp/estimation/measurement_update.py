@@ -199,9 +199,7 @@ def jolt_allowance(filter: FilterMemory, channel: int) -> float:
     time = min(max(filter.dt, filter.period[channel]), filtering.JOLT_TIME)
     time += _unseen_turning_time(filter, channel)
     moved = max(grown, _moved(channel, filter.jolt[channel], time))
-    tick = filtering.pushed_time(filter.dt)
-    if tick > 0.0:
-        tick += _unseen_turning_time(filter, channel)
+    tick = filtering.pushed_time(filter.dt) + _unseen_turning_time(filter, channel)
     moved = max(moved, _moved(channel, filter.push[channel], tick))
     if filter.jolt[channel] > 0.0:
         return moved * moved / 25.0
@@ -610,9 +608,7 @@ def _inflate_surprised(filter: FilterMemory, channel: int, squared: float, nu: V
         if growth == 0.0:  # otherwise the velocity is in what the channel alone puts right
             for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
                 filter.P[i + 3][i + 3] += squared / (time * time)
-    elif channel <= ChannelIndex.DEPTH and not (
-        is_pushed and channel == ChannelIndex.ANGULAR_VELOCITY
-    ):
+    elif channel <= ChannelIndex.DEPTH and not is_pushed:
         for i in range(bias, bias + 3):
             filter.P[i][i] += squared / (time * time)
 
@@ -629,7 +625,9 @@ def _is_pushed(filter: FilterMemory, channel: int, squared: float, nu: Vector) -
     if not (in_one_tick and channel <= gyro and 0.0 < squared <= moved * moved):
         return False
     if channel == gyro:
-        return filter.surprise[ChannelIndex.ATTITUDE] > 0.0
+        attitude = int(ChannelIndex.ATTITUDE)
+        is_recent = filter.now - filter.used[attitude] <= 1.5 * filter.dt + EARLY
+        return is_recent and filter.surprise[attitude] > 0.0
     along = 0.0
     for i in range(3):
         expected = filter.x[Part.SPIN + i] + filter.x[Part.GYRO_BIAS + i]
