@@ -127,7 +127,7 @@ def _by_gyro(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
     """Yield what gyro and attitude show of each other."""
     if not {"attitude", "angular_velocity"} <= recording.channels.keys():
         return
-    if recording.channels["angular_velocity"].constants:
+    if any(recording.channels[name].constants for name in ("attitude", "angular_velocity")):
         return
     mounting = estimated_gyro_mounting(recording)
     if mounting is None or mounting.share < _MIN_SHARE:
