@@ -79,18 +79,8 @@ def test_a_drawn_robot_is_accepted_or_refused_with_a_reason(
     check(rows_of(range(seed, seed + 1), flies=False))
 
 
-_LATE_GYRO = pytest.mark.xfail(
-    strict=True,
-    reason="at 50 ms a tick, a gyro that is late by less comes a whole tick late: a vehicle whose roll"
-    " nothing drives is given up on and swings",
-)
-_FLOWN = [
-    pytest.param(seed, marks=_LATE_GYRO) if seed == 1037 else seed for seed in seeds_of(20, 3, 1000)
-]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", _FLOWN)
+@pytest.mark.parametrize("seed", seeds_of(20, 3, 1000))
 def test_a_drawn_robot_neither_flees_nor_touches_nor_swings_unseen(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

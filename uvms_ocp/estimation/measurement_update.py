@@ -603,7 +603,7 @@ def _inflate_surprised(filter: FilterMemory, channel: int, squared: float, nu: V
         # A late gyro has not told of this turn yet: that is no bias of it.
         begun = unseen + filter.dt
         for i in range(int(Part.SPIN), int(Part.SPIN) + 3):
-            filter.P[i][i] += 0.0 if is_pushed else squared / (begun * begun)
+            filter.P[i][i] += squared / (begun * begun)
     elif _is_place(channel) and filter.stamp[channel] - filter.shaken <= _SHAKEN:
         if growth == 0.0:  # otherwise the velocity is in what the channel alone puts right
             for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
@@ -618,8 +618,11 @@ def _is_pushed(filter: FilterMemory, channel: int, squared: float, nu: Vector) -
     attitude or gyro surprise, nu (3,) [rad, rad/s], within one slow tick.
 
     A channel that surprises alone may be wrong: attitude and gyro both show a vehicle that speeds up.
+    A gyro that is late tells of a turn before the attitude's.
     """
     gyro = int(ChannelIndex.ANGULAR_VELOCITY)
+    if filter.lag[gyro] > 0.0:
+        return False
     moved = 2.0 * _moved(channel, filter.push[channel], filtering.pushed_time(filter.dt))
     in_one_tick = filter.stamp[channel] - filter.used[channel] <= 1.5 * filter.dt + EARLY
     if not (in_one_tick and channel <= gyro and 0.0 < squared <= moved * moved):
