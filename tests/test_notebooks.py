@@ -73,7 +73,7 @@ def test_a_notebook_runs(path: Path, tmp_path: Path, installed: dict[str, str]) 
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(
         notebook,
-        timeout=300,
+        timeout=900,  # of a cell, on a machine that does much else
         kernel_name="python3",
         resources={"metadata": {"path": str(tmp_path)}},
     )
