@@ -155,27 +155,25 @@ def test_scale_axes_and_bias_of_a_gyro_come_back() -> None:
     assert np.abs(mounting.bias - bias).max() < 0.002
 
 
-def test_an_attitude_that_turns_by_itself_is_said_with_its_time() -> None:
-    recording = noisy()
+def turned_for_a_second(recording: Recording, begin: float) -> Recording:
+    """A copy whose attitude is rolled by 0.5 rad for a second."""
     channel = recording.channels["attitude"]
     turn = pin.Quaternion(pin.rpy.rpyToMatrix(0.5, 0.0, 0.0))
     values = channel.values.copy()
-    for k in np.flatnonzero((channel.t > 20.0) & (channel.t < 21.0)):
+    for k in np.flatnonzero((channel.t > begin) & (channel.t < begin + 1.0)):
         values[k] = (turn * pin.Quaternion(values[k])).coeffs()
-    text = doubts(changed(recording, "attitude", values=values))
+    return changed(recording, "attitude", values=values)
+
+
+def test_an_attitude_that_turns_by_itself_is_said_with_its_time() -> None:
+    text = doubts(turned_for_a_second(noisy(), 20.0))
     assert (
         "attitude: turns otherwise than the angular_velocity at 2 moments, first at 19.75 s" in text
     )
 
 
 def test_all_of_a_long_recording_is_looked_at() -> None:
-    recording = noisy(t_end=1500.0)
-    channel = recording.channels["attitude"]
-    turn = pin.Quaternion(pin.rpy.rpyToMatrix(0.5, 0.0, 0.0))
-    values = channel.values.copy()
-    for k in np.flatnonzero((channel.t > 1400.0) & (channel.t < 1401.0)):
-        values[k] = (turn * pin.Quaternion(values[k])).coeffs()
-    text = doubts(changed(recording, "attitude", values=values))
+    text = doubts(turned_for_a_second(noisy(t_end=1500.0), 1400.0))
     assert "turns otherwise than the angular_velocity at 2 moments, first at 1400 s" in text
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from compiler import long_without_compiler
+from studies.drawn_faults import PERIODS, ROBOTS
 
 from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.robot.description import TrimBody
@@ -163,14 +164,6 @@ def test_nothing_falls_and_nothing_is_refused_while_late_sensors_are_awaited(
     assert record.meta.alarms == ()
 
 
-ROBOTS = (
-    "bluerov2",
-    "bluerov2_alpha5",
-    "bluerov2_six_alpha5",
-    "bluerov2_two_alpha5",
-    "girona_maris7",
-    "girona_maris7_full",
-)
 _QUICK = (10, 14)  # seeds of slow ticks, each of another robot
 _DRAWN = 24
 
@@ -181,7 +174,7 @@ def drawn_reach(seed: int) -> Scenario:
     """
     rng = np.random.default_rng(seed)
     robot = load_robot(str(rng.choice(ROBOTS)))
-    dt = float(rng.choice((0.01, 0.02, 0.05)))
+    dt = float(rng.choice(PERIODS))
     share = float(rng.uniform(0.0, 0.5))
     is_stated = bool(rng.random() < 0.7)
     position, gyro, duration = rng.uniform((0.0, 0.0, 6.0), (0.5, 0.05, 12.0)).tolist()

@@ -30,6 +30,11 @@ def swaying(robot: Robot) -> Motion:
     return lambda t: amplitude * np.sin(frequency * t)
 
 
+def resting(robot: Robot) -> Motion:
+    still = np.zeros(robot.n_v)
+    return lambda t: still
+
+
 class HealthRun:
     """Series over the ticks of one run."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from corruptors import with_defect
-from health_run import HealthRun, between
+from health_run import HealthRun, between, resting
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Readings, Trust
@@ -37,9 +37,8 @@ def test_a_step_of_the_dvl_is_no_acceleration_that_goes_on(
     agree with that: 1.8 m/s.
     """
     robot = load_robot("girona_maris7")
-    still = np.zeros(robot.n_v)
     run = HealthRun(
-        robot, duration=5.0, dt=dt, spoil=biased(bias, 2.0), motion=lambda t: still, seed=seed
+        robot, duration=5.0, dt=dt, spoil=biased(bias, 2.0), motion=resting(robot), seed=seed
     )
     assert (
         np.abs(run.v_estimated[run.t > 2.0, :3]).max() < 4.0 * bias
@@ -79,9 +78,8 @@ def test_fixes_carry_the_velocity_of_a_robot_whose_dvl_is_biased_by_as_much_as_i
     seed: int,
 ) -> None:
     robot = load_robot("girona_maris7")
-    still = np.zeros(robot.n_v)
     run = HealthRun(
-        robot, duration=END, spoil=biased(EDGE, ONSET), motion=lambda t: still, seed=seed
+        robot, duration=END, spoil=biased(EDGE, ONSET), motion=resting(robot), seed=seed
     )
     assert run.first_bad("linear_velocity", ONSET) < 1.0
     assert (run.of("position") == Trust.GOOD).all()

@@ -11,7 +11,7 @@ from typing import Any
 import corruptors
 import numpy as np
 import pytest
-from health_run import HealthRun, Spoil, drifting
+from health_run import HealthRun, Spoil, drifting, resting
 
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.estimation.health.redundancy import Culprit, HeightPairs, culprit_of
@@ -53,12 +53,11 @@ def test_a_drift_along_z_is_blamed_on_the_channel_that_drifts(
     """A drift of the DVL named depth, lost for 2 s, and of a position depth, altimeter and DVL
     before it, which then were lost or doubted in its place.
     """
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=END,
         spoil=drifting(channel, np.asarray(rate), ONSET),
-        motion=None if sways else lambda t: still,
+        motion=None if sways else resting(robot),
         dt=STEP,
     )
     named_at = run.first_bad(channel, ONSET)
@@ -86,8 +85,7 @@ def test_spikes_of_the_dvl_lose_neither_depth_nor_fixes(seed: int, robot: Robot)
         value = velocity.value + np.array([0.0, 0.0, spikes[velocity.t]])
         return replace(readings, linear_velocity=Reading(value=value, t=velocity.t))
 
-    still = np.zeros(robot.n_v)
-    run = HealthRun(robot, duration=END, spoil=spoil, motion=lambda t: still, dt=STEP, seed=seed)
+    run = HealthRun(robot, duration=END, spoil=spoil, motion=resting(robot), dt=STEP, seed=seed)
     assert run.first_bad("linear_velocity", ONSET) < 3.0
     for name in ("position", "depth", "altimeter_range"):
         assert not (run.of(name) == Trust.LOST).any()
@@ -117,12 +115,11 @@ def test_spikes_of_the_dvl_below_its_gate_become_no_bias_that_fixes_are_lost_by(
         value = velocity.value + spikes[velocity.t] * np.eye(3)[axis]
         return replace(readings, linear_velocity=Reading(value=value, t=velocity.t))
 
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=26.0,
         spoil=spoil,
-        motion=None if motion == "sways" else lambda t: still,
+        motion=None if motion == "sways" else resting(robot),
         dt=dt,
         seed=1,
     )
@@ -159,9 +156,8 @@ def test_what_was_wrong_for_five_seconds_is_trusted_again_and_so_is_all_else(
         spoilt: Any = Reading(value=float(value) if np.ndim(value) == 0 else value, t=reading.t)
         return replace(readings, **{channel: spoilt})
 
-    still = np.zeros(robot.n_v)
     run = HealthRun(
-        robot, duration=34.0, spoil=spoil, motion=None if sways else lambda t: still, dt=STEP
+        robot, duration=34.0, spoil=spoil, motion=None if sways else resting(robot), dt=STEP
     )
     assert run.first_bad(channel, begin) < 4.0
     for name in ("position", "linear_velocity", "depth", "altimeter_range"):
@@ -242,12 +238,11 @@ def test_attitudes_that_drifted_for_a_while_come_back_soon(
 
 def _check_attitude(robot: Robot, spoil: Spoil, end: float, motion: str, dt: float) -> None:
     """Check that all is trusted, and true, soon after the end [s] of a fault."""
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=end + 24.0,
         spoil=spoil,
-        motion=None if motion == "sways" else lambda t: still,
+        motion=None if motion == "sways" else resting(robot),
         dt=dt,
     )
     assert run.last_bad("attitude") < end + 4.0
@@ -291,12 +286,11 @@ def test_of_gyro_and_attitude_the_one_that_has_changed_at_once_is_blamed_and_bot
         spoilt = Reading(value=corruptors.added(channel, reading.value, off), t=reading.t)
         return replace(readings, **{channel: spoilt})
 
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=7.0,
         spoil=spoil,
-        motion=None if motion == "sways" else lambda t: still,
+        motion=None if motion == "sways" else resting(robot),
         dt=dt,
     )
     bad = {name for name in run.guard.monitor.channels if (run.of(name) != Trust.GOOD).any()}
@@ -320,12 +314,11 @@ def test_encoders_that_drifted_for_a_while_blame_no_rates_later(motion: str, rob
             return readings
         return drift(readings, t)
 
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=end + 24.0,
         spoil=spoil,
-        motion=None if motion == "sways" else lambda t: still,
+        motion=None if motion == "sways" else resting(robot),
         specs=replace(SensorSpecs(), joint_velocities=SensorSpec(rate=200.0, sigma=2e-3)),
         dt=STEP,
     )

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 import pytest
 from corruptors import with_defect
-from health_run import HealthRun, between
+from health_run import HealthRun, between, resting
 
 from uvms_ocp.estimation.filter_memory import EXPOSED
 from uvms_ocp.robot.loading import load_robot
@@ -33,7 +33,6 @@ def test_no_velocity_is_corrected_by_more_than_its_error_and_the_noise_of_two_re
     rate, witness, part, lasts = DRIFTS[channel]
     robot = load_robot("girona_maris7")
     spec = getattr(SensorSpecs(), witness)
-    still = np.zeros(robot.n_v)
 
     def drifting(readings: Readings, t: float) -> Readings:
         def add(reading: Reading, t: float) -> Reading:
@@ -44,7 +43,7 @@ def test_no_velocity_is_corrected_by_more_than_its_error_and_the_noise_of_two_re
             return readings
         return with_defect(readings, channel, add, t)
 
-    run = HealthRun(robot, duration=ONSET + lasts, dt=dt, spoil=drifting, motion=lambda t: still)
+    run = HealthRun(robot, duration=ONSET + lasts, dt=dt, spoil=drifting, motion=resting(robot))
     assert (run.of("linear_velocity" if channel == "position" else channel) != Trust.GOOD).any()
     error = run.v_estimated[:, part]
     # Where the fixes drift the velocity that they tell of is the drift.

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from health_run import HealthRun, drifting_until
+from health_run import HealthRun, drifting_until, resting
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -36,12 +36,11 @@ def test_a_drift_of_attitudes_loses_no_sound_channel(
     """The DVL was not used, and lost, for 7 to 23 s as ways that it tells of drifted from fixes, and
     the altimeter for 16 s whose beam seemed to lie flat; slow drifts were found after 12 s.
     """
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=END + 8.0,
         spoil=drifting_until("attitude", np.array(rate), ONSET, END),
-        motion=None if motion == "sways" else lambda t: still,
+        motion=None if motion == "sways" else resting(robot),
         dt=STEP,
         start_z=-37.0,
     )

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from health_run import HealthRun, drifting, drifting_until, swaying
+from health_run import HealthRun, drifting, drifting_until, resting, swaying
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -34,12 +34,11 @@ def test_fixes_that_drifted_for_a_while_come_back_soon(
     """They were lost for 12 s, while the estimate went on with the drift; a sound DVL was lost for
     2 s after its end, and where they drifted quickly for as long as they did.
     """
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=END + 12.0,
         spoil=drifting_until("position", np.array(rate), ONSET, END),
-        motion=None if motion == "sways" else lambda t: still,
+        motion=None if motion == "sways" else resting(robot),
         dt=STEP,
     )
     assert run.last_bad("position") < END + 4.0
@@ -54,14 +53,13 @@ def test_fixes_that_came_back_are_compared_on(seed: int, robot: Robot) -> None:
     """For 20 s after their end noise began comparisons anew, as if they came back again and again: a
     second drift was found after 16 s and more.
     """
-    still = np.zeros(robot.n_v)
     drift = drifting_until("position", np.array([0.1, 0.0, 0.0]), ONSET, END)
     again = drifting("position", np.array([0.03, 0.0, 0.0]), END + 6.0)
     run = HealthRun(
         robot,
         duration=END + 26.0,
         spoil=lambda readings, t: again(drift(readings, t), t),
-        motion=lambda t: still,
+        motion=resting(robot),
         dt=STEP,
         start_z=-37.0,
         seed=seed,

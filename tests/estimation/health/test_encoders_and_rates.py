@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from health_run import HealthRun, Spoil, between
+from health_run import HealthRun, Spoil, between, resting
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -108,13 +108,12 @@ def test_a_rate_that_no_encoder_shows_is_refused(dt: float, robot: Robot) -> Non
         value[1] += 2.0
         return replace(readings, joint_velocities=Reading(value=value, t=reading.t))
 
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=ONSET + 0.3,
         dt=dt,
         spoil=spoil,
-        motion=lambda t: still,
+        motion=resting(robot),
         specs=SensorSpecs(joint_velocities=RATES[0]),
     )
     assert run.first_bad("joint_velocities", ONSET) <= dt

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from health_run import HealthRun
+from health_run import HealthRun, resting
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -58,8 +58,7 @@ def flown(
     dt: float,
     of: Callable[[Reading[np.ndarray], float], np.ndarray | None],
 ) -> HealthRun:
-    still = np.zeros(robot.n_v)
-    return HealthRun(robot, duration=END, dt=dt, spoil=spoiled(channel, of), motion=lambda t: still)
+    return HealthRun(robot, duration=END, dt=dt, spoil=spoiled(channel, of), motion=resting(robot))
 
 
 def told(run: HealthRun) -> list[str]:

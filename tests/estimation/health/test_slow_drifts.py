@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from health_run import HealthRun, drifting
+from health_run import HealthRun, drifting, resting
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -39,12 +39,11 @@ def test_a_slow_drift_is_found(
     channel: str, rate: np.ndarray | float, within: float, sound_channels: set[str], robot: Robot
 ) -> None:
     """Before, only what drifts by more than a decimetre per second, or jumps, was."""
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=END,
         spoil=drifting(channel, np.asarray(rate), ONSET),
-        motion=lambda t: still,
+        motion=resting(robot),
         dt=0.02,
     )
     assert run.first_bad(channel, ONSET) < within
@@ -64,12 +63,11 @@ def test_an_encoder_is_checked_by_the_rate_of_its_joint(
     ended 0.17 m off.
     """
     specs = replace(SensorSpecs(), joint_velocities=SensorSpec(rate=200.0, sigma=2e-3))
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=24.0,
         spoil=drifting(channel, rate * (np.arange(robot.n_joints) == 2), ONSET),
-        motion=None if sways else lambda t: still,
+        motion=None if sways else resting(robot),
         dt=0.02,
         specs=specs,
     )
@@ -102,7 +100,6 @@ def test_sound_encoders_and_rates_are_believed(kind: str, sways: bool, robot: Ro
     """
     specs = replace(SensorSpecs(), joint_velocities=RATES[kind])
     before = deque(maxlen=2)
-    still = np.zeros(robot.n_v)
 
     def spoil(readings: Readings, t: float) -> Readings:
         rates = readings.joint_velocities
@@ -112,7 +109,7 @@ def test_sound_encoders_and_rates_are_believed(kind: str, sways: bool, robot: Ro
         return replace(readings, joint_velocities=Reading(value=1.02 * before[0], t=rates.t))
 
     for seed in range(2):
-        motion = None if sways else lambda t: still
+        motion = None if sways else resting(robot)
         run = HealthRun(
             robot, duration=42.0, dt=0.02, specs=specs, spoil=spoil, motion=motion, seed=seed
         )
@@ -129,9 +126,8 @@ def test_fixes_carry_the_height_while_depths_drift(robot: Robot) -> None:
     """Depths that the filter had refused for a while were taken for a surprise of the vehicle, and
     moved velocity and height.
     """
-    still = np.zeros(robot.n_v)
     run = HealthRun(
-        robot, duration=END, spoil=drifting("depth", 0.03, ONSET), motion=lambda t: still, dt=0.02
+        robot, duration=END, spoil=drifting("depth", 0.03, ONSET), motion=resting(robot), dt=0.02
     )
     assert np.abs(run.q_estimated[:, 2] - run.q[:, 2]).max() < 0.15
     assert np.abs(run.v_estimated[run.t > 1.0, :3]).max() < 0.1

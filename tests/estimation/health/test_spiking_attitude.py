@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from corruptors import added
-from health_run import HealthRun, Motion, Spoil, drifting, drifting_until
+from health_run import HealthRun, Spoil, drifting, drifting_until, resting
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -26,11 +26,6 @@ YAW = np.array([0.0, 0.0, 0.5])  # [rad] of a spike
 @pytest.fixture(scope="module", name="robot")
 def _robot() -> Robot:
     return load_robot("girona_maris7")
-
-
-def at_rest(robot: Robot) -> Motion:
-    still = np.zeros(robot.n_v)
-    return lambda t: still
 
 
 def spiking(times: np.ndarray) -> Spoil:
@@ -102,7 +97,7 @@ def test_spikes_of_attitudes_hide_no_slow_drift(channel: str, robot: Robot) -> N
     drift = drifting("position", along, ONSET) if channel == "position" else None
     spoil = both(drift or off(channel, along, ONSET), spiking(np.arange(5.0, 40.0, 4.0)))
     run = HealthRun(
-        robot, duration=30.0, spoil=spoil, motion=at_rest(robot), dt=STEP, start_z=-37.0
+        robot, duration=30.0, spoil=spoil, motion=resting(robot), dt=STEP, start_z=-37.0
     )
     assert run.first_bad(channel, ONSET) < 12.0
 
@@ -113,7 +108,7 @@ def test_a_floor_that_falls_away_is_not_believed_of_a_doubted_attitude(
 ) -> None:
     spoil = both(off("altimeter_range", 3.0, 9.1), doubt)
     run = HealthRun(
-        robot, duration=16.0, spoil=spoil, motion=at_rest(robot), dt=STEP, start_z=-37.0
+        robot, duration=16.0, spoil=spoil, motion=resting(robot), dt=STEP, start_z=-37.0
     )
     assert np.nanmax(run.range[run.t > 5.0]) < HEIGHT + 0.1
     assert run.first_bad("altimeter_range", 9.1) < 0.6
@@ -122,7 +117,7 @@ def test_a_floor_that_falls_away_is_not_believed_of_a_doubted_attitude(
 def test_a_nearer_floor_is_believed_of_a_doubted_attitude(robot: Robot) -> None:
     spoil = both(off("altimeter_range", -1.0, 9.1), turned_away(8.5, 12.0))
     run = HealthRun(
-        robot, duration=11.0, spoil=spoil, motion=at_rest(robot), dt=STEP, start_z=-37.0
+        robot, duration=11.0, spoil=spoil, motion=resting(robot), dt=STEP, start_z=-37.0
     )
     assert np.abs(run.range[run.t > 9.5] - (HEIGHT - 1.0)).max() < 0.1
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from health_run import HealthRun, drifting
+from health_run import HealthRun, drifting, resting
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -90,12 +90,11 @@ def test_a_drift_is_found_when_the_guide_says(drift: ToldDrift, robot: Robot) ->
     specs = SensorSpecs()
     if drift.channel == "joint_positions":
         specs = replace(specs, joint_velocities=SensorSpec(rate=200.0, sigma=2e-3))
-    still = np.zeros(robot.n_v)
     run = HealthRun(
         robot,
         duration=ONSET + min(LONGEST, 1.4 * drift.found_after + 1.0),
         spoil=drifting(drift.channel, rate, ONSET),
-        motion=lambda t: still,
+        motion=resting(robot),
         dt=STEP,
         specs=specs,
         seed=1,

@@ -168,7 +168,9 @@ class DynamicController(TableDisplay):
         self._report(t)
 
     def _report(self, t: float) -> None:
-        """Log at time t [s] that brakes were locked, that a locked joint seems to move, and what fault detection has changed."""
+        """Log at time t [s] that brakes were locked, that a locked joint seems to move, and what fault
+        detection has changed.
+        """
         joint = self.memory.overspeed.joint
         if joint >= 0:
             lock = self.memory.overspeed.lock

@@ -21,9 +21,7 @@ _SLOW_TICK = 0.02  # [s] of control from which on a loop catches no arm that is 
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
 _CARRIED_OFF = 0.5  # share of the limit by which a vehicle is off the velocity that is asked of it
 _DOUBTFUL = 10.0  # [s] after a doubt or a lock for which a posture, or a load, may be another one
-_SHORTEST_LOCK = (
-    0.5  # [s], and the dead time of the rates: a locked joint that moves is known before
-)
+_SHORTEST_LOCK = 0.5  # [s], and the dead time of rates: by then a locked joint that moves is known
 _LONGEST_LOCK = 64.0  # [s]
 _LONGER = 64.0  # times the lock before it is the lock of a joint that falls again: no blow made it
 _SETTLED = 0.1  # [s] after which, and the dead time of the rates, a locked joint is seen to rest
@@ -89,8 +87,9 @@ def locks_at_overspeed(
     """Return whether brakes are to be locked at time t [s].
 
     first: index of the first joint in v (n_v,) [m/s, rad/s] as estimated, and in the reference
-    (n_v,). doubted: encoders are, or rates of joints; it keeps locked what is, as does a vehicle that
-    is carried off, and a joint that seems to move though it is locked. Every lock is longer than the one before it.
+    (n_v,). doubted: encoders are, or rates of joints; it keeps locked what is, as does a vehicle
+    that is carried off, and a joint that seems to move though it is locked. Every lock is longer
+    than the one before it.
     """
     if doubted:
         overspeed.doubted_until = t + _DOUBTFUL
@@ -161,7 +160,9 @@ def _moves_though_locked(
 
 
 def _fastest_locked(overspeed: OverspeedMemory) -> int:
-    """Return the locked joint whose mean rate is the largest share of its limit, -1 where none moves."""
+    """Return the locked joint whose mean rate is the largest share of its limit, -1 where none
+    moves.
+    """
     fastest = -1
     largest_share = _MOVES
     for j in range(overspeed.count):
