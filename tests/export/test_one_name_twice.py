@@ -11,24 +11,11 @@ from pathlib import Path
 
 import pytest
 from compiler import COMPILER, needs_compiler
-from tiny_robots import TINY, robot_of, scenario_of
+from two_flights import GENERATED, ROBOTS, run, scenario_of_flight, write_unit
 
 from uvms_ocp.export import export_controller
 
 pytestmark = [needs_compiler, pytest.mark.slow]
-FLIGHTS = {"first": "no joints", "second": "an endless joint"}
-GENERATED = ("controller", "initial", "functions", "solver")
-UNIT = """#define main replay_{flight}
-#include "same_replay.c"
-#undef main
-int fly_{flight}(const char *recorded);
-int fly_{flight}(const char *recorded) {{
-  char program[] = "replay", file[512];
-  char *words[] = {{program, file, 0}};
-  strcpy(file, recorded);
-  return replay_{flight}(2, words);
-}}
-"""
 MAIN = """int fly_first(const char *), fly_second(const char *);
 int main(int argc, char **argv) { return argc != 3 || fly_first(argv[1]) || fly_second(argv[2]); }
 """
@@ -46,10 +33,9 @@ def exports(tmp_path_factory: pytest.TempPathFactory) -> Path:
     both: what knows one robot is compiled with the header of that robot.
     """
     folder = tmp_path_factory.mktemp("same")
-    for flight, robot in FLIGHTS.items():
-        scenario = scenario_of(robot_of(TINY[robot]), "kinematic", duration=0.5)
-        export_controller(replace(scenario, name="same"), folder / flight)
-        (folder / f"{flight}.c").write_text(UNIT.format(flight=flight))
+    for flight in ROBOTS:
+        export_controller(replace(scenario_of_flight(flight), name="same"), folder / flight)
+        write_unit(folder, flight, "same")
         compile_object(folder, f"{flight}.c", f"-I{flight}")
         for part in GENERATED:
             compile_object(folder, f"{flight}/same_{part}.c")
@@ -59,13 +45,9 @@ def exports(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def call(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300.0)
-
-
 def compile_object(folder: Path, source: str, *options: str) -> None:
     target = source.removesuffix(".c") + ".o"
-    process = call(folder, COMPILER, "-O0", "-fPIC", *options, "-c", source, "-o", target)
+    process = run(folder, COMPILER, "-O0", "-fPIC", *options, "-c", source, "-o", target)
     assert process.returncode == 0, process.stderr
 
 
@@ -75,7 +57,7 @@ def objects_of(flight: str) -> list[str]:
 
 def link(folder: Path, program: str, *libraries: str) -> subprocess.CompletedProcess[str]:
     objects = ("main.o", "first.o", "second.o")
-    return call(folder, COMPILER, *objects, *libraries, "-lm", "-o", program)
+    return run(folder, COMPILER, *objects, *libraries, "-lm", "-o", program)
 
 
 def test_objects_are_refused(exports: Path) -> None:
@@ -90,24 +72,24 @@ def test_archives_are_refused(exports: Path, order: tuple[str, str]) -> None:
     if shutil.which("ar") is None:
         pytest.skip("needs ar: install binutils")
     for flight in order:
-        call(exports, "ar", "rcs", f"lib{flight}.a", *objects_of(flight))
+        run(exports, "ar", "rcs", f"lib{flight}.a", *objects_of(flight))
     process = link(exports, "archives", *(f"lib{flight}.a" for flight in order))
     assert process.returncode != 0
     assert TWICE in process.stderr
 
 
-@pytest.mark.parametrize("flight", FLIGHTS)
+@pytest.mark.parametrize("flight", ROBOTS)
 def test_what_is_compiled_with_one_header_is_not_linked_to_the_other_controller(
     exports: Path, flight: str
 ) -> None:
-    (other,) = set(FLIGHTS) - {flight}
+    (other,) = set(ROBOTS) - {flight}
     (exports / "alone.c").write_text(f"int fly_{other}(const char *x) {{ return !x; }}\n")
     compile_object(exports, "alone.c")
     objects = ("main.o", f"{flight}.o", "alone.o")
-    process = call(exports, COMPILER, *objects, *objects_of(other), "-lm", "-o", "alone")
+    process = run(exports, COMPILER, *objects, *objects_of(other), "-lm", "-o", "alone")
     assert process.returncode != 0
     assert "controller_step" in process.stderr
-    process = call(exports, COMPILER, *objects, *objects_of(flight), "-lm", "-o", "alone")
+    process = run(exports, COMPILER, *objects, *objects_of(flight), "-lm", "-o", "alone")
     assert process.returncode == 0, process.stderr
 
 
@@ -118,31 +100,31 @@ def test_from_shared_libraries_each_robot_is_driven_by_its_own_code(
     libraries = []
     for flight in order:
         name = f"lib{flight}.so"
-        process = call(exports, COMPILER, "-shared", *objects_of(flight), "-lm", "-o", name)
+        process = run(exports, COMPILER, "-shared", *objects_of(flight), "-lm", "-o", name)
         assert process.returncode == 0, process.stderr
         libraries.append(str(exports / name))
     process = link(exports, "shared", *libraries)
     assert process.returncode == 0, process.stderr
-    recorded = [f"{flight}/same_recorded.bin" for flight in FLIGHTS]
-    process = call(exports, "./shared", *recorded)
+    recorded = [f"{flight}/same_recorded.bin" for flight in ROBOTS]
+    process = run(exports, "./shared", *recorded)
     assert process.returncode == 0, process.stdout
     assert process.stdout.count(", 0 apart, ") == 2
 
 
 def test_two_headers_in_one_file_are_refused(exports: Path) -> None:
-    lines = [f'#include "{flight}/same_controller.h"' for flight in FLIGHTS]
+    lines = [f'#include "{flight}/same_controller.h"' for flight in ROBOTS]
     (exports / "headers.c").write_text("\n".join([*lines, ""]))
-    process = call(exports, COMPILER, "-fsyntax-only", "headers.c")
+    process = run(exports, COMPILER, "-fsyntax-only", "headers.c")
     assert process.returncode != 0
     assert "export one of them anew with another --name" in process.stderr
     (exports / "headers.c").write_text(f"{lines[0]}\n{lines[0]}\n")
-    assert call(exports, COMPILER, "-fsyntax-only", "headers.c").returncode == 0
+    assert run(exports, COMPILER, "-fsyntax-only", "headers.c").returncode == 0
 
 
 def test_parts_of_one_cmake_project_are_refused(exports: Path) -> None:
     if shutil.which("cmake") is None:
         pytest.skip("needs cmake: pip install cmake")
-    process = call(exports, "cmake", "-S", ".", "-B", "build")
+    process = run(exports, "cmake", "-S", ".", "-B", "build")
     assert process.returncode != 0
     words = " ".join(process.stderr.split())  # CMake breaks its lines
     assert "export one of them anew with another --name" in words

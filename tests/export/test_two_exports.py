@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,26 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from compiler import COMPILER, needs_compiler
-from tiny_robots import TINY, robot_of, scenario_of
+from two_flights import GENERATED, ROBOTS, run, scenario_of_flight, write_unit
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export import export_controller, exported_controller
 from uvms_ocp.scenario.scenario import Scenario
 
 pytestmark = [needs_compiler, pytest.mark.slow]
-ROBOTS = {"first": "no joints", "second": "an endless joint"}
-GENERATED = ("controller", "initial", "functions", "solver")
-UNIT = """#define main replay_{name}
-#include "{name}_replay.c"
-#undef main
-int fly_{name}(const char *recorded);
-int fly_{name}(const char *recorded) {{
-  char program[] = "replay", file[512];
-  char *words[] = {{program, file, 0}};
-  strcpy(file, recorded);
-  return replay_{name}(2, words);
-}}
-"""
 MAIN = """#include <pthread.h>
 #include "first_controller.h"
 #include "second_controller.h"
@@ -65,10 +51,7 @@ target_link_libraries(both first_controller second_controller pthread)
 
 
 def flight_of(name: str) -> Scenario:
-    """Half a second of a small robot; kinematic, as that compiles in little time."""
-    return replace(
-        scenario_of(robot_of(TINY[ROBOTS[name]]), "kinematic", duration=0.5), name=f"the {name}"
-    )
+    return replace(scenario_of_flight(name), name=f"the {name}")
 
 
 @pytest.fixture(scope="module")
@@ -77,16 +60,14 @@ def exports(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("two")
     for name in ROBOTS:
         export_controller(flight_of(name), folder / name, name)
-        (folder / f"{name}.c").write_text(UNIT.format(name=name))
+        write_unit(folder, name, name)
     (folder / "main.c").write_text(MAIN)
     (folder / "CMakeLists.txt").write_text(PROJECT)
     return folder
 
 
 def call(folder: Path, *words: object) -> str:
-    process = subprocess.run(
-        [str(word) for word in words], cwd=folder, capture_output=True, text=True, timeout=300.0
-    )
+    process = run(folder, *words)
     assert process.returncode == 0, process.stdout + process.stderr
     return process.stdout
 
