@@ -13,6 +13,9 @@ from pathlib import Path
 import uvms_ocp
 
 ROOT = Path(uvms_ocp.__file__).parent
+"""Folder of the package, wherever it is installed."""
+PROJECT = Path(__file__).parents[2]
+"""Folder of README, tests and benchmarks."""
 NUMBERS = re.compile(r"\b(float|ndarray|NDArray|ArrayLike|Array)\b")
 ARRAYS = re.compile(r"\b(ndarray|NDArray|ArrayLike|Array)\b")
 

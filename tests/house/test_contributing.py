@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import package_ast as house
 
-PAGE = house.ROOT.parent / "CONTRIBUTING.md"
+PAGE = house.PROJECT / "CONTRIBUTING.md"
 _ROW = re.compile(r"^( {4,})(\S.*?)  +\S")
 _COLUMN = 4  # at which names of packages begin; what is in them stands two further
 

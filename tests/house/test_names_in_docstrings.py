@@ -24,7 +24,7 @@ _CLASS = re.compile(
 _FILE = re.compile(r"\.(yaml|yml|json|toml|csv|npz|py|c|h|html|md|urdf)$")
 _DATA = ("csv", "toml", "c", "h", "yaml")
 _BLOCK = re.compile(r"^```.*?^```$|^ {4}.*?$", re.MULTILINE | re.S)
-_TOP = house.ROOT.parent
+_TOP = house.PROJECT
 _PAGES = (_TOP / "README.md", _TOP / "CONTRIBUTING.md", *(house.ROOT / "reference").rglob("*.md"))
 _EXAMPLES = {
     *("TASK.quantity", "NAME_1", "payload2", "payload2.mass", "joint3_position"),  # by number
@@ -48,6 +48,7 @@ def test_names_in_backticks_exist_in_all_modules() -> None:
 @pytest.mark.parametrize("folder", ["tests", "benchmarks"])
 def test_names_in_backticks_exist_in_tests_and_benchmarks(folder: str) -> None:
     paths = sorted((_TOP / folder).rglob("*.py"))
+    assert paths
     words = set[str]()
     for path in paths:
         words |= set(_WORD.findall(_code(path)))
