@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motions import changed, recorded
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.channel_mapping import RecordingMapping
+from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.interleaved_series import distance_of_series, numbers_of_series
 from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.recording import Channel
@@ -186,3 +189,70 @@ def test_of_publishers_connections_and_frames_in_mcap_one_is_chosen(
     channel = read(path, rows, "/position", FIELDS)
     assert len(channel.t) == N
     np.testing.assert_allclose(channel.values[:, 0], APART)
+
+
+def test_of_senders_that_nothing_names_one_series_is_chosen(tmp_path: Path) -> None:
+    """One connection, and one frame, as a bag of ROS 2 has them of two publishers."""
+    path = _two_channels(tmp_path / "dive.mcap", [{}], ["map", "map"])
+    channel = {"topic": "/position", "columns": FIELDS}
+    mapping = RecordingMapping.model_validate({"channels": {"position": channel}})
+    (doubt,) = [
+        issue.problem
+        for issue in check_data_quality(mapped_recording(path, mapping))
+        if "two senders" in issue.problem
+    ]
+    assert re.findall(r"series: \d", doubt) == ["series: 1", "series: 2"]
+    for place in range(2):
+        channel["series"] = place + 1
+        mapping = RecordingMapping.model_validate({"channels": {"position": channel}})
+        position = mapped_recording(path, mapping).channels["position"]
+        assert len(position.t) == N
+        np.testing.assert_allclose(position.values[:, 0], APART * place)
+    channel["series"] = 3
+    mapping = RecordingMapping.model_validate({"channels": {"position": channel}})
+    with pytest.raises(InvalidInput, match=r"position: series: 3 given; allowed: 1 to 2"):
+        mapped_recording(path, mapping)
+
+
+def test_of_one_sender_no_series_can_be_chosen(tmp_path: Path) -> None:
+    path = _two_channels(tmp_path / "dive.mcap", [{}], ["map"])
+    channel = {"topic": "/position", "columns": FIELDS, "series": 1}
+    mapping = RecordingMapping.model_validate({"channels": {"position": channel}})
+    with pytest.raises(InvalidInput, match=r"its samples are not two series .*leave it out"):
+        mapped_recording(path, mapping)
+
+
+@pytest.mark.parametrize("every", [2, 5, 20])
+def test_a_second_sender_that_sends_seldom_is_seen(every: int) -> None:
+    recording = recorded(t_end=60.0)
+    position = recording.channels["position"]
+    other = position.values + np.where(np.arange(len(position.t)) % every, 0.0, 5.0)[:, None]
+    mixed = changed(recording, "position", values=other)
+    problems = [issue.problem for issue in check_data_quality(mixed) if issue.channel == "position"]
+    assert any("two senders in one channel" in problem for problem in problems), problems
+
+
+@pytest.mark.parametrize("held", [1, 20])
+def test_noise_and_fixes_that_are_held_are_of_one_sender(held: int) -> None:
+    rng = np.random.default_rng(held)
+    fixes = rng.normal(size=(600 // held, 3))
+    assert distance_of_series(np.repeat(fixes, held, axis=0)) is None
+
+
+@pytest.mark.parametrize("n_series", [1, 2, 3])
+def test_series_are_told_apart_as_long_as_they_are_far_apart(n_series: int) -> None:
+    """Senders lose samples by lot, and follow the same curve, each at its own place."""
+    rng = np.random.default_rng(n_series)
+    t = np.sort(rng.uniform(0.0, 60.0, size=900))
+    truth = rng.integers(n_series, size=len(t))
+    truth[:n_series] = np.arange(n_series)
+    curve = np.column_stack([np.sin(0.3 * t), np.cos(0.2 * t), 0.1 * t])
+    noise = 0.02 * rng.normal(size=curve.shape)
+    far = curve + 4.0 * truth[:, None] * [1.0, 0.0, 0.0] + noise
+    numbers = numbers_of_series(far)
+    if n_series == 1:
+        assert numbers is None
+    else:
+        np.testing.assert_array_equal(numbers, truth + 1)
+    near = curve + 0.3 * np.sin(t)[:, None] * truth[:, None] + noise
+    assert numbers_of_series(near) is None

@@ -70,6 +70,10 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     left}; of messages also by their sender: {system: 1, component: 1} of MAVLink, {publisher:
     /node} or {connection: 0} of ROS
     """
+    series: Annotated[int, Field(ge=1)] | None = None
+    """which of several series, far apart, that alternate in the channel where nothing in the file
+    tells their senders apart; 1 is that of the first sample
+    """
     missing: tuple[float, ...] = ()
     """values that stand where nothing was measured"""
     format: (

@@ -28,8 +28,11 @@ from uvms_ocp.record.row_files import forget
 _SAID_BETTER = (
     (": a pressure in", "read as m"),
     ("a depth of the other sign", "above a surface at 0: z down"),
+    ("differ: two sensors?", "two senders in one channel?"),
 )
 """Pairs of parts of doubts about the same error, of which the second has more evidence."""
+_OF_JUMPS = (" samples, all others ", "are exactly zero", " and back ")
+"""Parts of doubts about single samples to which a channel jumps, which are no second sender."""
 _MOTION_CHANNELS = {"position", "attitude", "linear_velocity", "angular_velocity", "specific_force"}
 """Channels whose doubts keep a mounting from being estimated."""
 
@@ -54,7 +57,8 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     # All else would follow from degrees that are taken for radians.
     wrong = {name for name, text in recording.issues_in_file if "rad: in deg?" in text}
     # No check knows which of two senders a sample is of.
-    mixed = list(of_senders(recording, {name for name, _ in issues}))
+    jumping = {name for name, text in issues if any(part in text for part in _OF_JUMPS)}
+    mixed = list(of_senders(recording, jumping))
     issues += mixed
     n_of_samples = len(issues)
     wrong |= {name for name, _ in mixed}

@@ -24,6 +24,7 @@ from uvms_ocp.identification.channel_mapping import (
 )
 from uvms_ocp.identification.clock_segments import continued as continued_clocks
 from uvms_ocp.identification.euler_orders import quaternions_of_angles
+from uvms_ocp.identification.interleaved_series import numbers_of_series
 from uvms_ocp.identification.mapping_doubts import (
     LARGEST_ANGLE,
     channel_doubts,
@@ -354,9 +355,12 @@ def _samples(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> r
     rows = rows[finite.all(axis=1)]
     if mapping.lost == "all zero":
         rows = rows[(rows[:, 1:] != 0.0).any(axis=1)]
+    n_missing = len(finite) - len(rows)
     if len(rows) < 2:
         raise InvalidInput(f"fewer than two samples of {key}; leave the channel out")
     back = float((np.maximum.accumulate(rows[:, 0]) - rows[:, 0]).max())
+    if mapping.series is not None:
+        rows = _of_series(key, mapping, rows)
     n_valid = len(rows)
     rows = without_echoes(rows)
     times = rows[:, 0]
@@ -377,9 +381,24 @@ def _samples(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> r
         back=back,
         repeated=len(times) - len(t),
         echoes=n_valid - len(times),
-        missing=len(finite) - n_valid,
+        missing=n_missing,
         constants=tuple(k for k, name in enumerate(mapping.columns) if not isinstance(name, str)),
     )
+
+
+def _of_series(key: str, mapping: ChannelMapping, rows: np.ndarray) -> np.ndarray:
+    """Return the rows (n, 1 + k) of one of several series that alternate in a channel. Raises
+    InvalidInput where they are not told apart, or where there is no such series.
+    """
+    numbers = numbers_of_series(_converted(key, mapping, rows[:, 1:]))
+    if numbers is None:
+        raise InvalidInput(
+            f"{key}: series: {mapping.series} given; its samples are not two series that are far"
+            " apart: leave it out, or give rows that tell senders apart"
+        )
+    if mapping.series not in numbers:
+        raise InvalidInput(f"{key}: series: {mapping.series} given; allowed: 1 to {numbers.max()}")
+    return rows[numbers == mapping.series]
 
 
 def _converted(key: str, mapping: ChannelMapping, values: np.ndarray) -> np.ndarray:
