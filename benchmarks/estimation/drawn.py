@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.estimation.estimator import Estimator
-from uvms_ocp.estimation.filter_memory import ALTITUDE_DRIFT, BIAS_DRIFTS
-from uvms_ocp.estimation.tuning import EstimatorTuning
+from uvms_ocp.estimation.tuning import ALTITUDE_DRIFT, BIAS_DRIFTS, EstimatorTuning
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Reading, Readings, SensorSpecs, State
 from uvms_ocp.sim.seafloor import Seafloor

@@ -1,4 +1,4 @@
-"""Memory of the Kalman filter, its constants, and the numbers of its channels and states.
+"""Memory of the Kalman filter, its first values, and the numbers of its channels and states.
 
 The error state of the vehicle has `MAIN` entries, in the order of `Part`: attitude (a rotation
 vector in B), position, velocity and acceleration in W, angular velocity and acceleration in B, the
@@ -16,7 +16,25 @@ from typing import Annotated, Any
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, arrays_of, structure_of
-from uvms_ocp.estimation.tuning import EstimatorTuning
+from uvms_ocp.estimation.tuning import (
+    ALTITUDE_DRIFT,
+    BIAS_DRIFTS,
+    ECHO_MEMORY,
+    ECHO_RECOVERY,
+    FIRST_DEVIATIONS,
+    FLOOR_DEVIATION,
+    FULL_TICK,
+    GATES,
+    JOINT_FIRST_DEVIATIONS,
+    JOINT_LARGEST_DEVIATIONS,
+    JOLTS,
+    LARGEST_DEVIATIONS,
+    LEAST_JERK_SHARE,
+    RECOVERY,
+    SLOW_TICK,
+    SLOWEST_TICK,
+    EstimatorTuning,
+)
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
 from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
@@ -31,66 +49,12 @@ JOINT_SLOTS = 24
 STATES = MAIN + 3 * SLOTS
 JOINT_STATES = 2 + JOINT_SLOTS
 
-EARLY = 1e-9
-"""[s] by which clocks may differ through rounding."""
-LONGEST_STEP = 1.0
-"""[s] of a tick over which the motion is carried on; after it the robot is taken to stay."""
-LONGEST_LAG = 3.0
-"""[s] age of readings beyond which no state is remembered."""
-GATE_RELAXATION = 4.0
-"""Gate relaxation: variance, in squared innovations, added to the states that rejected readings
-contradict.
-"""
-EXPOSED = 1.0
-EXPOSED_FOR = 3.0
-"""[m/s, m/s2], [s] by which the motion may be wrong where its source proves wrong: more than
-vehicles make.
-"""
-LARGEST = 1e9
-"""[unit of the channel] no sensor reads more: a larger number is none."""
-UNKNOWN = 0.25
-"""Share of the largest variance from which on a part counts as unknown."""
-
-JOLTS = (30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0)
-"""(9,) [m/s2, rad/s2] unplanned acceleration that gates of each channel allow: light vehicles turn
-so fast, and light joints fall so fast under a load. Gates that allow more find nothing. Linear
-motion is slow and seen rarely; positions of joints tell their velocities as soon.
-"""
-JOLT_TIME = 0.015
-"""[s] longest time for which gates allow it: what lasts longer shows in other readings."""
-SLOW_TICK = 0.02
-"""[s] longest tick of a loop in which other readings show in time what weight and one thruster do."""
-_FULL_TICK = 0.03  # [s] of a loop from which on gates allow it for a whole tick
-SLOWEST_TICK = 0.05
-"""[s] longest tick of a slower loop for whose whole length gates allow that."""
-BIAS_DRIFTS = (1e-5, 1e-5, 1e-4)
-"""[rad/s/sqrt(s), m/s/sqrt(s), m/s2/sqrt(s)] random walk of the biases of gyro, DVL and
-accelerometer.
-"""
-ALTITUDE_DRIFT = 0.005
-"""[m/sqrt(s)] random walk of the floor below a vehicle at rest."""
 RESPONSE_TIME = 0.1
 """[s] time constant with which velocities are taken to follow commands."""
-_ECHO_MEMORY = 1.0  # [s] for which the altitude is known without an echo
 # standard deviation of a velocity after a step of the commanded one, as a share of that step
 _RESPONSE_UNCERTAINTY = 0.5
-# [s] for which readings that contradict the estimate must agree with each other to be believed
-_RECOVERY = 1.0
-_LEAST_JERK_SHARE = 0.02
 _SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
-# largest standard deviation of each `Part` but the floor
-_LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)
-# first standard deviation of each `Part` that is not a bias
-_FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)
-_FLOOR = 1e2  # [m] standard deviation of an unknown floor
-_JOINT_LIMIT = (10.0, 10.0)
-_JOINT_FIRST = (10.0, 1.0)
-_GATES = {
-    1: 25.0,
-    3: 31.8125,
-}  # chi-squared that 6e-7 exceed: five standard deviations of one number
 _MOST_AGILE = 10.0  # [m/s2, rad/s2] acceleration of axes whose limits are infinite
-_EARLY_STEP = 0.25  # [s] for which echoes must agree that the floor has gone down
 
 
 class ChannelIndex(IntEnum):
@@ -138,8 +102,8 @@ def pushed_time(time: float) -> float:
     thruster do; 0 where the loop is quick enough for others to show it, and little where it is but a
     little slower. A kernel.
     """
-    slow = max((time - SLOW_TICK) / (_FULL_TICK - SLOW_TICK), 0.0)
-    return min(slow * _FULL_TICK, time, SLOWEST_TICK)
+    slow = max((time - SLOW_TICK) / (FULL_TICK - SLOW_TICK), 0.0)
+    return min(slow * FULL_TICK, time, SLOWEST_TICK)
 
 
 class Part(IntEnum):
@@ -374,11 +338,11 @@ def initialise(
             memory.sigma[channel] = max(spec.sigma, _SMALLEST_SIGMA)
             memory.period[channel] = 1.0 / spec.rate
             memory.lag[channel] = spec.delay
-        memory.gate[channel] = _GATES[rows_of(channel)]
-        memory.recovery[channel] = _RECOVERY
-    memory.recovery[ChannelIndex.ALTIMETER_RANGE] = _EARLY_STEP
-    memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
-    memory.joint_limit[:] = _JOINT_LIMIT
+        memory.gate[channel] = GATES[rows_of(channel)]
+        memory.recovery[channel] = RECOVERY
+    memory.recovery[ChannelIndex.ALTIMETER_RANGE] = ECHO_RECOVERY
+    memory.limit[:] = [*np.repeat(LARGEST_DEVIATIONS, 3), FLOOR_DEVIATION]
+    memory.joint_limit[:] = JOINT_LARGEST_DEVIATIONS
     memory.gravity[:] = robot.model.gravity.linear
     memory.beam_up[2] = 1.0
     memory.agility[:] = _agility(robot)
@@ -386,14 +350,14 @@ def initialise(
     memory.push[: ChannelIndex.POSITION] = unasked_turn(robot)
     structure.floating = robot.n_vehicle > 0
     structure.guided = specs.specific_force is None
-    structure.echo_memory = _ECHO_MEMORY
+    structure.echo_memory = ECHO_MEMORY
     structure.echo = -math.inf
     structure.shaken = -math.inf
     structure.jerk_share = 1.0
     is_noisy = memory.sigma[ChannelIndex.LINEAR_VELOCITY] > _SMALLEST_SIGMA
     structure.least_jerk_share = 1.0
     if structure.guided and is_noisy:
-        structure.least_jerk_share = _LEAST_JERK_SHARE
+        structure.least_jerk_share = LEAST_JERK_SHARE
     memory.drive[ProcessNoise.JERK] = tuning.jerk
     memory.drive[ProcessNoise.ANGULAR_JERK] = tuning.angular_jerk
     gyro_drift, dvl_drift, force_drift = BIAS_DRIFTS
@@ -438,14 +402,14 @@ def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None
         (Part.DVL_BIAS, tuning.dvl_bias, specs.linear_velocity),
         (Part.FORCE_BIAS, tuning.force_bias, specs.specific_force),
     )
-    sigma = np.concatenate([np.repeat(_FIRST, 3), np.zeros(9), [_FLOOR]])
+    sigma = np.concatenate([np.repeat(FIRST_DEVIATIONS, 3), np.zeros(9), [FLOOR_DEVIATION]])
     for first, usual, spec in biases:
         # Of a bias that a sensor is said to have the sign is for the filter to find.
         declared = 0.0 if spec is None else np.sqrt(np.mean(np.square(spec.biases)))
         sigma[first : first + 3] = math.hypot(usual, declared)
     memory.P[range(MAIN), range(MAIN)] = sigma**2
     memory.turn[3] = 1.0
-    position_variance, rate_variance = np.square(_JOINT_FIRST)
+    position_variance, rate_variance = np.square(JOINT_FIRST_DEVIATIONS)
     memory.joint_P[:, 0, 0] = position_variance
     memory.joint_P[:, 1, 1] = rate_variance
     for times in (memory.last, memory.used, memory.due):

@@ -8,6 +8,7 @@ from uvms_ocp.codegen.kernel_layout import zeros
 from uvms_ocp.estimation import (
     filter_memory as filtering,
     measurement_update as update,
+    tuning,
     vehicle_model,
 )
 from uvms_ocp.estimation.filter_memory import JOINT_SLOTS, JOINT_STATES, FilterMemory
@@ -21,7 +22,7 @@ def predict_joints(filter: FilterMemory) -> None:
     """Predict the states and covariances of all joints at the end of the tick."""
     dt = filter.dt
     drive = filter.drive[filtering.ProcessNoise.JOINT] * filter.drive[filtering.ProcessNoise.JOINT]
-    h = min(filtering.LONGEST_STEP, dt)
+    h = min(tuning.LONGEST_STEP, dt)
     n = _active(filter)
     for j in range(filter.n_joints):
         x = filter.joint_x[j]
@@ -110,7 +111,7 @@ def _are_of_one_time(filter: FilterMemory) -> bool:
         and filter.fresh[rates] != 0.0
         and filter.lag[_FIRST] <= 0.0
         and filter.lag[rates] <= 0.0
-        and abs(filter.stamp[_FIRST] - filter.stamp[rates]) <= filtering.EARLY
+        and abs(filter.stamp[_FIRST] - filter.stamp[rates]) <= tuning.EARLY
         and update.is_of_now(filter, _FIRST)
         and filter.now - filter.stamp[_FIRST] <= 0.5 * filter.dt
     )
@@ -141,11 +142,11 @@ def _ingest(filter: FilterMemory, channel: int) -> None:
     """Fuse the reading of a channel: joints that are unknown take it over, others are gated."""
     value = filter.joint_value[channel - _FIRST]
     count = 0
-    limit = filtering.UNKNOWN * filter.joint_limit[0] * filter.joint_limit[0]
+    limit = tuning.UNKNOWN * filter.joint_limit[0] * filter.joint_limit[0]
     if not update.is_of_now(filter, channel):
         return
     for j in range(filter.n_joints):
-        if not abs(value[j]) <= filtering.LARGEST:
+        if not abs(value[j]) <= tuning.LARGEST:
             return
     filter.last[channel] = filter.stamp[channel]
     update.update_lag(filter, channel)
@@ -259,7 +260,7 @@ def _is_consistent(filter: FilterMemory, channel: int, j: int, nu: float, S: flo
     if not agrees:
         since[j] = filter.stamp[channel]
     refused[j] = nu
-    return agrees and filter.stamp[channel] - since[j] >= filter.recovery[channel] - filtering.EARLY
+    return agrees and filter.stamp[channel] - since[j] >= filter.recovery[channel] - tuning.EARLY
 
 
 def _inflate_surprised(filter: FilterMemory, j: int, channel: int, squared: float) -> None:
@@ -294,7 +295,7 @@ def _relax(filter: FilterMemory, j: int, channel: int, squared: float) -> None:
     for slot in range(JOINT_SLOTS):
         if filter.joint_owner[slot] != channel:
             filter.joint_owner[slot] = -1.0
-    _inflate_own(filter, j, channel, filtering.GATE_RELAXATION * squared)
+    _inflate_own(filter, j, channel, tuning.GATE_RELAXATION * squared)
     filter.joint_since[channel - _FIRST][j] = math.nan
 
 

@@ -9,9 +9,12 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
-from uvms_ocp.estimation import filter_memory as filtering, vehicle_model as vehicle
+from uvms_ocp.estimation import (
+    filter_memory as filtering,
+    tuning,
+    vehicle_model as vehicle,
+)
 from uvms_ocp.estimation.filter_memory import (
-    EARLY,
     MAIN,
     SLOTS,
     ChannelIndex,
@@ -19,6 +22,7 @@ from uvms_ocp.estimation.filter_memory import (
     Part,
     rows_of,
 )
+from uvms_ocp.estimation.tuning import EARLY
 from uvms_ocp.robot.kinematics import STEEP
 
 # in place of a clone
@@ -87,7 +91,7 @@ def update_lag(filter: FilterMemory, channel: int) -> None:
     """Remember how late the fresh reading of a channel is."""
     age = filter.now - filter.stamp[channel]
     if age > 1.5 * filter.dt + EARLY and age > filter.lag[channel]:
-        filter.lag[channel] = min(filtering.LONGEST_LAG, age)
+        filter.lag[channel] = min(tuning.LONGEST_LAG, age)
 
 
 def nearest_clone(
@@ -162,7 +166,7 @@ def time_since_accepted(filter: FilterMemory, channel: int) -> float:
         used = max(filter.used[channel], filter.used[ChannelIndex.POSITION])
     else:
         used = filter.used[channel]
-    return min(filtering.LONGEST_LAG, max(filter.stamp[channel] - used, 0.0)) + _SURPRISE
+    return min(tuning.LONGEST_LAG, max(filter.stamp[channel] - used, 0.0)) + _SURPRISE
 
 
 def planned_allowance(filter: FilterMemory, channel: int) -> float:
@@ -196,7 +200,7 @@ def jolt_allowance(filter: FilterMemory, channel: int) -> float:
         * filter.surprise[channel]
         * math.exp(-(filter.stamp[channel] - filter.used[channel]) / _FADING)
     )
-    time = min(max(filter.dt, filter.period[channel]), filtering.JOLT_TIME)
+    time = min(max(filter.dt, filter.period[channel]), tuning.JOLT_TIME)
     time += _unseen_turning_time(filter, channel)
     moved = max(grown, _moved(channel, filter.jolt[channel], time))
     tick = filtering.pushed_time(filter.dt) + _unseen_turning_time(filter, channel)
@@ -338,9 +342,9 @@ def _is_usable(filter: FilterMemory, channel: int) -> bool:
     if not is_of_now(filter, channel):
         return False
     if channel == ChannelIndex.ALTIMETER_RANGE:
-        return math.isnan(value[0]) or 0.0 <= value[0] <= filtering.LARGEST
+        return math.isnan(value[0]) or 0.0 <= value[0] <= tuning.LARGEST
     for i in range(rows_of(channel)):
-        if not abs(value[i]) <= filtering.LARGEST:
+        if not abs(value[i]) <= tuning.LARGEST:
             return False
     return channel != ChannelIndex.ATTITUDE or abs(vehicle.norm(value) - 1.0) <= 1e-3
 
@@ -358,7 +362,7 @@ def _initialise(filter: FilterMemory, channel: int) -> None:
     vehicle.predict_measurement(filter, channel, vehicle.active(filter))
     if (
         noise + vehicle.process_variance(filter, channel, age)
-        > filtering.UNKNOWN * filter.limit[first] * filter.limit[first]
+        > tuning.UNKNOWN * filter.limit[first] * filter.limit[first]
     ):
         return
     for slot in range(SLOTS):
@@ -558,15 +562,13 @@ def _relax(filter: FilterMemory, channel: int, squared: float) -> None:
         if filter.owner[slot] != channel:
             filter.owner[slot] = -1.0
     filter.since[channel] = math.nan
-    _inflate_own(filter, channel, filtering.GATE_RELAXATION * squared, 0.0, 0.0)
+    _inflate_own(filter, channel, tuning.GATE_RELAXATION * squared, 0.0, 0.0)
     if not _is_place(channel):
         return
     # It took the time of recovery to go so far: with a speed that nobody knew of, or an
     # acceleration.
     time = filter.recovery[channel]
-    speed = min(
-        filtering.EXPOSED * filtering.EXPOSED, filtering.GATE_RELAXATION * squared / (time * time)
-    )
+    speed = min(tuning.EXPOSED * tuning.EXPOSED, tuning.GATE_RELAXATION * squared / (time * time))
     for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
         filter.P[i + 3][i + 3] += speed
         filter.P[i + 6][i + 6] += speed / (time * time)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
-from uvms_ocp.estimation import filter_memory as filtering
+from uvms_ocp.estimation import filter_memory as filtering, tuning
 from uvms_ocp.estimation.filter_memory import (
     MAIN,
     ChannelIndex,
@@ -162,7 +162,7 @@ def is_unknown(filter: FilterMemory, first: int, n: int) -> bool:
     """Return whether any of n entries of the error state is unknown, from the first on."""
     unknown = False
     for i in range(first, first + n):
-        unknown = unknown or filter.P[i][i] > filtering.UNKNOWN * filter.limit[i] * filter.limit[i]
+        unknown = unknown or filter.P[i][i] > tuning.UNKNOWN * filter.limit[i] * filter.limit[i]
     return unknown
 
 
@@ -208,7 +208,7 @@ def predict(filter: FilterMemory) -> None:
     hhJ = zeros(9)
     if not dt > 0.0:
         return
-    h = min(filtering.LONGEST_STEP, dt)
+    h = min(tuning.LONGEST_STEP, dt)
     n = active(filter)
     for i in range(3):
         angle[i] = h * filter.x[Part.SPIN + i] + h * h / 2.0 * filter.x[Part.SPIN_UP + i]
@@ -383,8 +383,8 @@ def inflate_velocity_variance(filter: FilterMemory, rests: bool) -> None:
     last tick alone. rests: the velocity was right until its readings ended; velocity and
     acceleration are zero from now on, as extrapolation without readings leads ever farther astray.
     """
-    variance = filtering.EXPOSED * filtering.EXPOSED
-    way = filtering.EXPOSED_FOR
+    variance = tuning.EXPOSED * tuning.EXPOSED
+    way = tuning.EXPOSED_FOR
     for k in range(len(filter.owner)):
         filter.owner[k] = -1.0
     for i in range(3):

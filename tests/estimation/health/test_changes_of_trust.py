@@ -9,7 +9,7 @@ import pytest
 from corruptors import with_defect
 from health_run import HealthRun, between, resting
 
-from uvms_ocp.estimation.filter_memory import EXPOSED
+from uvms_ocp.estimation.tuning import EXPOSED
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Reading, Readings, SensorSpecs, Trust
 

@@ -10,8 +10,6 @@ import pytest
 
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.estimation.filter_memory import (
-    SLOW_TICK,
-    SLOWEST_TICK,
     ChannelIndex,
     FilterMemory,
     Part,
@@ -19,6 +17,7 @@ from uvms_ocp.estimation.filter_memory import (
     pushed_time,
 )
 from uvms_ocp.estimation.measurement_update import _inflate_surprised, time_since_accepted
+from uvms_ocp.estimation.tuning import SLOW_TICK, SLOWEST_TICK
 
 SQUARED = 4.0  # [m2] of the innovation
 NOW = 10.0  # [s]

@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import structure_of
-from uvms_ocp.estimation.filter_memory import JOLTS, N_CHANNELS, NUMBER, unasked_turn
+from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, unasked_turn
 from uvms_ocp.estimation.health import plausibility, redundancy
 from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, HealthMemory
 from uvms_ocp.estimation.health.floor import POSITION, init_floor
 from uvms_ocp.estimation.health.tuning import HealthTuning
+from uvms_ocp.estimation.tuning import JOLTS
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpec
 from uvms_ocp.robot.unasked_acceleration import unasked_acceleration

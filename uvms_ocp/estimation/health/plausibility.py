@@ -8,13 +8,9 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.estimation.filter_memory import (
-    JOLT_TIME,
-    ChannelIndex,
-    orders_of,
-    pushed_time,
-)
+from uvms_ocp.estimation.filter_memory import ChannelIndex, orders_of, pushed_time
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
+from uvms_ocp.estimation.tuning import JOLT_TIME
 from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
 _UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
