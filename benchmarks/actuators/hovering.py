@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning
+from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.load_filter import LoadLearning
 from uvms_ocp.control.payload import LoadEstimate

@@ -43,8 +43,8 @@ from uvms_ocp.control.faults.monitor import (
 )
 from uvms_ocp.control.faults.residual_filter import FilteredCommands, residual_filter_for
 from uvms_ocp.control.faults.thruster_faults import ThrusterFaultMemory, detect_thruster_faults
+from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
 from uvms_ocp.control.faults.verdicts import (
-    ActuatorHealthTuning,
     FaultKind,
     ThrusterEffectiveness,
     ThrusterVerdict,

@@ -17,7 +17,8 @@ from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen import compile_function
 from uvms_ocp.codegen.kernel_layout import arrays_of, column_view, view
 from uvms_ocp.control.faults.residual_filter import ResidualFilter
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness
+from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
+from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
 from uvms_ocp.control.force.observer import ObserverLaw
 from uvms_ocp.control.force.thruster_lag import thruster_lag
 from uvms_ocp.control.force.tick import ForceTick

@@ -14,6 +14,12 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 
+FORCE_SCALE = 0.02
+"""Change of the residual force that counts as one, share of what all thrusters together give on that
+axis.
+"""
+MOMENT_SCALE = 0.005
+"""The same of moments, of which water and loads make less for their force than thrusters do."""
 _TINY_CHANGE = 1e-12
 _LEAST_CHANGE = (
     1.5  # root mean square of the changes, in their scales, below which nothing is looked for

@@ -8,6 +8,10 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.robot.signals import SAME_TIME
 
+JAM_TRAVEL = 0.05
+"""[rad, or sizes of the robot] that a joint is asked to go, and does not, before it counts as
+jammed.
+"""
 _MEMORY = 2.0  # [s] of the way that a joint was asked to go
 _MOVED = 0.1  # share of that way which counts as having moved
 _JAM_EFFORT = 0.2  # share of its effort that must resist it

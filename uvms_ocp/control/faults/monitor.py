@@ -11,26 +11,18 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import assign
 from uvms_ocp.control.faults import authority, residual_filter, verdicts
 from uvms_ocp.control.faults.detection import FaultDetection
-from uvms_ocp.control.faults.fault_isolation import EARLY, LATE
-from uvms_ocp.control.faults.joint_faults import JointFaultMemory
+from uvms_ocp.control.faults.fault_isolation import EARLY, FORCE_SCALE, LATE, MOMENT_SCALE
+from uvms_ocp.control.faults.joint_faults import JAM_TRAVEL, JointFaultMemory
 from uvms_ocp.control.faults.thruster_faults import ThrusterFaultMemory
+from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.size import joint_units
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
-# rad, or sizes of the robot, that a joint is asked to go, and does not, before it counts as jammed
-_JAM_TRAVEL = 0.05
-# change of the residual force that counts as one, share of what all thrusters together give on that
-# axis
-_FORCE_SCALE = 0.02
-_MOMENT_SCALE = (
-    0.005  # of moments, of which water and loads make less for their force than thrusters do
-)
-
 
 def detection_sizes(
-    robot: Robot, symbolic: SymbolicDynamics, tuning: verdicts.ActuatorHealthTuning, period: float
+    robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float
 ) -> dict[str, Any]:
     """Return the sizes of a `FaultDetection` and its functions; period [s] of its samples."""
     sizes = {
@@ -47,7 +39,7 @@ def detection_sizes(
     }
 
 
-def window_capacity(tuning: verdicts.ActuatorHealthTuning, period: float) -> int:
+def window_capacity(tuning: ActuatorHealthTuning, period: float) -> int:
     """Return how many samples an `IsolationWindow` has room for; period [s] of them."""
     return 2 * _window_length(tuning, period) + LATE + EARLY
 
@@ -55,7 +47,7 @@ def window_capacity(tuning: verdicts.ActuatorHealthTuning, period: float) -> int
 def write_detection(
     memory: FaultDetection,
     robot: Robot,
-    tuning: verdicts.ActuatorHealthTuning,
+    tuning: ActuatorHealthTuning,
     residual_filter: residual_filter.ResidualFilter,
     *,
     bandwidth: float,
@@ -77,7 +69,7 @@ def write_detection(
         bandwidth=bandwidth,
         period=residual_filter.every * dt,
     )
-    write_joint_watch(memory.joints, robot.limits.effort, _JAM_TRAVEL * joint_units(robot))
+    write_joint_watch(memory.joints, robot.limits.effort, JAM_TRAVEL * joint_units(robot))
 
 
 def write_thruster_watch(
@@ -86,7 +78,7 @@ def write_thruster_watch(
     lower: np.ndarray,
     upper: np.ndarray,
     *,
-    tuning: verdicts.ActuatorHealthTuning,
+    tuning: ActuatorHealthTuning,
     bandwidth: float,
     period: float,
 ) -> None:
@@ -107,7 +99,7 @@ def write_thruster_watch(
     watch.fault_fit.bandwidth = bandwidth
     reach = np.abs(matrix) @ np.maximum(upper, -lower)
     scale = np.maximum(
-        np.repeat([_FORCE_SCALE, _MOMENT_SCALE], 3) * reach, 1e-6 * (reach.max(initial=0.0) or 1.0)
+        np.repeat([FORCE_SCALE, MOMENT_SCALE], 3) * reach, 1e-6 * (reach.max(initial=0.0) or 1.0)
     )
     directions = matrix / scale[:, None]
     assign(
@@ -159,7 +151,7 @@ def joint_verdicts(watch: JointFaultMemory) -> list[verdicts.JointVerdict]:
     return joint_list
 
 
-def _window_length(tuning: verdicts.ActuatorHealthTuning, period: float) -> int:
+def _window_length(tuning: ActuatorHealthTuning, period: float) -> int:
     return max(round(tuning.window / period), 4)
 
 

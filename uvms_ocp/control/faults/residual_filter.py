@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 
 from uvms_ocp.codegen.elementwise import Array, where
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning
+from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -17,7 +17,7 @@ from uvms_ocp.checks import (
 )
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.residual_filter import residual_filter_for
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning
+from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
 from uvms_ocp.control.force import thruster_lag, tick_functions, velocity_law
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick

@@ -22,11 +22,8 @@ from uvms_ocp.codegen.kernel_layout import (
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.control.faults.detection import FaultDetection, detect_faults, pause_detection
 from uvms_ocp.control.faults.monitor import detection_sizes, write_detection
-from uvms_ocp.control.faults.verdicts import (
-    ActuatorHealthTuning,
-    ThrusterEffectiveness,
-    effective_thrust,
-)
+from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
+from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, effective_thrust
 from uvms_ocp.control.force import allocation as thrust_allocation, tick_functions
 from uvms_ocp.control.force.overspeed import (
     OverspeedMemory,

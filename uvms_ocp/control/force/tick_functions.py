@@ -22,7 +22,8 @@ from uvms_ocp.codegen.casadi_code import with_numbers
 from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
 from uvms_ocp.control.faults.residual_filter import FilteredCommands, ResidualFilter
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness
+from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
+from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
