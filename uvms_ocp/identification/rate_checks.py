@@ -23,7 +23,6 @@ from uvms_ocp.identification.resampling import (
 )
 from uvms_ocp.identification.series_agreement import (
     DEAD,
-    EXPLAINED,
     MOVES,
     WAYS,
     WINDOW,
@@ -39,6 +38,7 @@ _INSIDE = slice(round(WINDOW / GRID), -round(WINDOW / GRID))
 """Places of smoothed samples whose window lies inside the recording."""
 _MIN_EXPLAINED = 0.5  # share of the motion that axes must explain to be named
 _OF_AGREEMENT = 0.8  # share of the correlation of magnitudes that they must explain, too
+_GAIN_OF_AXES = 0.15  # share of the motion by which other axes must explain more
 _MARGIN = 0.03  # share of the motion by which axes must explain more where little speaks for them
 _TILTED = 0.5  # mean cosine of the tilt below which no vehicle stays
 _LEVEL = 0.9  # cosine of the tilt of a vehicle that is nearly level
@@ -126,7 +126,7 @@ def _agrees_better(candidate: _Agreement, present: _Agreement) -> bool:
     gains = [shares[name] - share for name, (share, _) in present.items()]
     if min(shares.values()) <= _MIN_EXPLAINED or min(gains) <= -_MARGIN:
         return False
-    n_better = sum(gain > EXPLAINED for gain in gains)
+    n_better = sum(gain > _GAIN_OF_AXES for gain in gains)
     if n_better != 1:
         return n_better > 1
     for name, (_, share_with_best_axes) in present.items():
@@ -237,7 +237,7 @@ def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterat
     best = max(ways, key=lambda way: ways[way])
     sizes = np.linalg.norm(measured, axis=1)
     agreement = correlation(sizes, np.linalg.norm(reference.body, axis=1))
-    if ways[best] > max(present_share + EXPLAINED, _MIN_EXPLAINED, _OF_AGREEMENT * agreement):
+    if ways[best] > max(present_share + _GAIN_OF_AXES, _MIN_EXPLAINED, _OF_AGREEMENT * agreement):
         channel, text = best
         yield (
             channel,
@@ -249,7 +249,7 @@ def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterat
     if reference.R is None or reference.world is None:
         return
     turn, share = _turn(np.einsum("nij,nj->ni", reference.R, measured), reference.world)
-    share_with_turn = share - EXPLAINED if share > _MIN_EXPLAINED else 0.0
+    share_with_turn = share - _GAIN_OF_AXES if share > _MIN_EXPLAINED else 0.0
     if present_share < max(_MIN_EXPLAINED * agreement, share_with_turn):
         text = "with it the velocity is as large as the rate of the position, and points elsewhere"
         yield "attitude", f"{text}, by {np.rad2deg(turn):.0f} deg about z: format, axes, yaw?"
@@ -299,7 +299,7 @@ def _in_world(
                 f"its rate fits the velocity with axes {named(Q)}: NED against ENU? give columns so"
             )
             shares[partner, text] = explained(turned, world @ Q.T)
-    return {way: share - EXPLAINED / 2 for way, share in shares.items()}
+    return {way: share - _GAIN_OF_AXES / 2 for way, share in shares.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

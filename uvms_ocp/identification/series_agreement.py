@@ -19,8 +19,6 @@ MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01, "specific_force": 0.
 """[m/s, rad/s, m/s2] standard deviation from which on a channel moves; of an acceleration, by
 gravity in a tilting frame.
 """
-EXPLAINED = 0.15
-"""Share of the motion, by which other axes must explain more."""
 _SIGNS = tuple(product((1.0, -1.0), repeat=3))
 
 

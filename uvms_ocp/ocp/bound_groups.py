@@ -10,10 +10,12 @@ from enum import Enum
 import numpy as np
 
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.transcription.layout import FIXED
+from uvms_ocp.ocp.transcription.layout import EQUAL_STEPS, FORCES, MOTION, START
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.thrusters import AXES
 
+# rows that every plan keeps: laws of motion and the given start, which nobody asks for
+_FIXED = (MOTION, FORCES, START, EQUAL_STEPS)
 _AXIS_SHARE = 0.2  # share of what lies on the strongest axis, from which others are named too
 _NAMED_AXES = 3  # at most
 _NO_GROUP = -1  # of entries whose bounds are not loosened
@@ -131,7 +133,7 @@ def row_groups(transcription: Transcription, problem: OcpProblem) -> GroupIndex:
     layout = transcription.row_layout
     names = [layout.names[row] for row in layout.constraints.tolist()]
     roots = {term.name: float(np.sqrt(term.weight)) for term in reversed(problem.constraints)}
-    loosenable = [name for name in dict.fromkeys(names) if name not in FIXED]
+    loosenable = [name for name in dict.fromkeys(names) if name not in _FIXED]
     index = {name: i for i, name in enumerate(loosenable)}
     groups = [
         BoundGroup(name=f"constraint {name!r}", measure=RelaxationUnit.ROW) for name in loosenable

@@ -27,9 +27,6 @@ from uvms_ocp.sim import (
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.types import Period
 
-EFFORTS = ("thrust", "torque", "thruster_energy", "joint_energy")
-"""Telemetry that reports and figures know."""
-
 
 class Plant(Protocol):
     """Something with a true state that a command advances; built for one run, at its start."""

@@ -14,9 +14,11 @@ from uvms_ocp.robot.signals import (
     Command,
     State,
 )
-from uvms_ocp.sim.plant import EFFORTS, Plant
+from uvms_ocp.sim.plant import Plant
 from uvms_ocp.sim.watched_estimator import require_state
 
+# telemetry that reports and figures know
+_EFFORTS = ("thrust", "torque", "thruster_energy", "joint_energy")
 _REAL = "biuf"
 _MAYBE_UNKNOWN = "thruster_energy"
 
@@ -40,7 +42,7 @@ class WatchedPlant(Plant):
         n_thrusters = len(robot.description.thrusters)
         n_joints = robot.n_joints
         effort_shapes = ((n_thrusters,), (n_joints,), (n_thrusters,), ())
-        self._shapes = dict[str, tuple[int, ...]](zip(EFFORTS, effort_shapes, strict=True))
+        self._shapes = dict[str, tuple[int, ...]](zip(_EFFORTS, effort_shapes, strict=True))
         self._shapes["contact"] = (len(skid_points(robot)),)
         self._shapes["current"] = (3,)
         self.state = self._checked_state(plant.state)
@@ -60,11 +62,11 @@ class WatchedPlant(Plant):
                 f"telemetry of plant {self._name} is {type(telemetry).__name__}; give a dict, empty"
                 " for none"
             )
-        efforts = [name for name in EFFORTS if name in telemetry]
-        if efforts and len(efforts) < len(EFFORTS):
+        efforts = [name for name in _EFFORTS if name in telemetry]
+        if efforts and len(efforts) < len(_EFFORTS):
             raise InvalidInput(
                 f"telemetry of plant {self._name} has {efforts[0]!r}; give all of"
-                f" {', '.join(EFFORTS)}, or none"
+                f" {', '.join(_EFFORTS)}, or none"
             )
         return {name: self._recorded(name, value) for name, value in telemetry.items()}
 

@@ -35,8 +35,6 @@ EQUAL_STEPS = "equal steps"
 PERIODIC = "periodic"
 TOTAL = "total duration"
 
-FIXED = (MOTION, FORCES, START, EQUAL_STEPS)
-"""Names of rows that every plan keeps: laws of motion and the given start, which nobody asks for."""
 _DROPPED = -2  # level of rows that bind nothing
 _START_STAGE = 0.75  # of the first state: after the dynamics and the terms of the first node
 
