@@ -18,18 +18,18 @@ from uvms_ocp.checks import checked
 from uvms_ocp.ocp.first_order_gain import LevelGain, LinearizedMotion
 from uvms_ocp.ocp.motion_check import motion_check
 from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
-from uvms_ocp.ocp.plan_file import LevelVerdict, VerdictReport, VerdictTolerances
+from uvms_ocp.ocp.plan_file import LevelVerdict, VerdictReport
 from uvms_ocp.ocp.plan_status import OcpStatus
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem
 from uvms_ocp.ocp.range_check import MotionCheck, Peak, RangeCheck, RangeKind
 from uvms_ocp.ocp.stagewise.program import stagewise_or
+from uvms_ocp.ocp.tolerances import TOLERANCES
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.actuation import ActuationModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.options import IPOPT
 from uvms_ocp.types import Array, Finite
 
-TOLERANCES = VerdictTolerances()
 _FORCE_LIMITS = (RangeKind.THRUST, RangeKind.TORQUE)
 
 

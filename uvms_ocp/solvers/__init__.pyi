@@ -20,9 +20,9 @@ from .nlp.program import (
     lexicographic_program as lexicographic_program,
 )
 from .nlp.real_time_sqp import RealTimeSqp as RealTimeSqp, SqpResult as SqpResult
+from .stage_qp.options import StageQpOptions as StageQpOptions
 from .stage_qp.problem import (
     StageQp as StageQp,
-    StageQpOptions as StageQpOptions,
     StageQpSolution as StageQpSolution,
     StageQpStatus as StageQpStatus,
     StageShape as StageShape,

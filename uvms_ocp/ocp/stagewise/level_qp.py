@@ -11,10 +11,10 @@ from uvms_ocp.ocp.problem import HessianKind
 from uvms_ocp.ocp.stagewise.memory import StageMemory
 from uvms_ocp.ocp.stagewise.ranges import StageRanges
 from uvms_ocp.solvers import StageQpSolver
+from uvms_ocp.solvers.stage_qp.options import StageQpOptions
 from uvms_ocp.solvers.stage_qp.problem import (
     FlatSolution,
     StageQp,
-    StageQpOptions,
     StageShape,
     WarmStart,
     leading,

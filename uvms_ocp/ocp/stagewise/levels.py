@@ -16,7 +16,8 @@ from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpOutcome, NlpPoint
 from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.solvers.nlp.program import NlpStatus, RowBounds
 from uvms_ocp.solvers.nlp.solve_monitor import SolveMonitor
-from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpOptions
+from uvms_ocp.solvers.stage_qp.options import StageQpOptions
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution
 from uvms_ocp.types import Array
 
 _SQP_QP_OPTIONS = StageQpOptions(tolerance=1e-7)

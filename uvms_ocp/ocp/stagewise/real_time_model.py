@@ -9,7 +9,8 @@ from uvms_ocp.ocp.stagewise.memory import StageMemory
 from uvms_ocp.ocp.stagewise.ranges import StageRanges
 from uvms_ocp.solvers.nlp.program import NlpStatus, RowBounds
 from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, SqpPoint
-from uvms_ocp.solvers.stage_qp.problem import StageQpOptions, WarmStart
+from uvms_ocp.solvers.stage_qp.options import StageQpOptions
+from uvms_ocp.solvers.stage_qp.problem import WarmStart
 from uvms_ocp.types import Array
 
 # A rough tolerance: a line search follows each step, and the next tick makes another.

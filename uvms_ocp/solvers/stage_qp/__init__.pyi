@@ -1,7 +1,7 @@
+from .options import StageQpOptions as StageQpOptions
 from .problem import (
     KktResidual as KktResidual,
     StageQp as StageQp,
-    StageQpOptions as StageQpOptions,
     StageQpSolution as StageQpSolution,
     StageQpStatus as StageQpStatus,
     StageShape as StageShape,

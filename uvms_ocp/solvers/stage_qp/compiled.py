@@ -14,6 +14,7 @@ from uvms_ocp.codegen.c_text import WIDE_MACROS, c_macros, constants_of
 from uvms_ocp.codegen.libraries import compile_library
 from uvms_ocp.codegen.loading import loaded_library
 from uvms_ocp.solvers.stage_qp import problem, tolerances
+from uvms_ocp.solvers.stage_qp.options import StageQpOptions
 from uvms_ocp.types import Array
 
 _HEAD = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n" + WIDE_MACROS
@@ -155,7 +156,7 @@ class CompiledCore:
         qp: problem.StageQp,
         table: problem.RowTable,
         z: Array,
-        options: problem.StageQpOptions,
+        options: StageQpOptions,
         *,
         phase_one: bool,
     ) -> problem.FlatSolution:
@@ -176,7 +177,7 @@ class CompiledCore:
     def solve(
         self,
         qp: problem.StageQp,
-        options: problem.StageQpOptions,
+        options: StageQpOptions,
         warm_start: problem.WarmStart | None,
     ) -> problem.FlatSolution:
         """Solve from nothing but the QP, or from a QP nearby; NOT_A_NUMBER where entries are
@@ -212,7 +213,7 @@ class CompiledCore:
         y = _address(warm_start.y)
         return float(self._library.stationarity(stages, costate, y, ctypes.c_int(self._problem.m)))
 
-    def _load(self, qp: problem.StageQp, options: problem.StageQpOptions | None) -> None:
+    def _load(self, qp: problem.StageQp, options: StageQpOptions | None) -> None:
         """Point the memory at the data of a QP, and set the options."""
         memory = self._problem
         if qp is not self._loaded:

@@ -1,6 +1,4 @@
-"""Convex QPs of stages as arrays written in place, the options of their solver, and their
-solutions.
-"""
+"""Convex QPs of stages as arrays written in place, and their solutions."""
 
 from __future__ import annotations
 
@@ -9,14 +7,13 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
 from itertools import accumulate, pairwise
-from typing import Annotated
 
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.codegen.elementwise import interval_distance
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
-from uvms_ocp.types import Array, Bound, Indices, Mask, Positive, Range
+from uvms_ocp.types import Array, Bound, Indices, Mask
 
 _BEYOND = 4  # numbers that compiled code may read after the end
 
@@ -201,29 +198,6 @@ def row_values(qp: StageQp, z: Array) -> Array:
     """Return the values (M,) [unit of the row] of rows and variables at z (n,) [unit of z]."""
     values = [C @ z_k for C, z_k in zip(qp.C, parts(z, qp.shape.n_z), strict=True)]
     return np.concatenate([*values, z])
-
-
-@checked_dataclass(eq=False)
-class StageQpOptions:
-    """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000
-    iterations.
-    """
-
-    tolerance: Positive = 1e-9
-    """Tolerance of the KKT conditions, relative to the largest term in them."""
-    max_iterations: Annotated[int, Range(1, 10_000)] = 60
-    """Factors of one run; a QP that one run does not solve takes two more."""
-    warm_mu: Positive = 1e-6
-    """Complementarity at a warm start, relative to the largest curvature: a squared distance to
-    bounds.
-    """
-    cold_mu: Positive = 0.1
-    """Complementarity at a cold start, relative to what missed bounds cost by curvature and
-    gradient. With more of it QPs in which many bounds are reached take fewer factors, and those
-    without a point are told later.
-    """
-    compiled: bool = True
-    """False keeps to PIQP, which solves the same QPs without warm starts."""
 
 
 class StageQpStatus(AdvisedStatus):

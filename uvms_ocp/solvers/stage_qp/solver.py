@@ -20,6 +20,7 @@ from uvms_ocp.checks import checked_constructor
 from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
+from uvms_ocp.solvers.stage_qp.options import StageQpOptions
 from uvms_ocp.types import Array
 
 _DIRECTION_TOLERANCE = 1e-7  # relative violation with which a direction keeps bounds and rows
@@ -155,11 +156,9 @@ class StageQpSolver:
     finds the same optimum, and starts every QP anew.
     """
 
-    def __init__(
-        self, shape: problem.StageShape, options: problem.StageQpOptions | None = None
-    ) -> None:
+    def __init__(self, shape: problem.StageShape, options: StageQpOptions | None = None) -> None:
         self.shape = shape
-        self.options = options or problem.StageQpOptions()
+        self.options = options or StageQpOptions()
         library = compiled.qp_library() if self.options.compiled else None
         self._core: sparse_core.SparseCore | compiled.CompiledCore
         if library is None:
@@ -340,8 +339,8 @@ def _cost(qp: problem.StageQp, solution: problem.FlatSolution) -> float:
 
 @lru_cache(maxsize=64)
 def _changed_options(
-    options: problem.StageQpOptions, tolerance: float | None, max_iterations: int | None
-) -> problem.StageQpOptions:
+    options: StageQpOptions, tolerance: float | None, max_iterations: int | None
+) -> StageQpOptions:
     """Return options with another tolerance or limit of iterations, where these are not None."""
     if tolerance is not None:
         options = replace(options, tolerance=tolerance)

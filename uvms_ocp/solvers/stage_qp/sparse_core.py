@@ -17,6 +17,7 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import problem, tolerances
+from uvms_ocp.solvers.stage_qp.options import StageQpOptions
 from uvms_ocp.types import Array, Indices, Mask
 
 _PLUGIN = "piqp"
@@ -63,7 +64,7 @@ class SparseCore:
     def solve(
         self,
         qp: problem.StageQp,
-        options: problem.StageQpOptions,
+        options: StageQpOptions,
         warm_start: problem.WarmStart | None,
     ) -> problem.FlatSolution:
         """Solve from a point at rest, or from z of a warm start; NOT_A_NUMBER where entries of the QP
@@ -80,7 +81,7 @@ class SparseCore:
         qp: problem.StageQp,
         table: problem.RowTable,
         z: Array,
-        options: problem.StageQpOptions,
+        options: StageQpOptions,
         *,
         phase_one: bool,
     ) -> problem.FlatSolution:
@@ -240,7 +241,7 @@ class SparseCore:
         )
 
     def _solved(
-        self, sparse: _SparseQp, z: Array, options: problem.StageQpOptions, regularization: float
+        self, sparse: _SparseQp, z: Array, options: StageQpOptions, regularization: float
     ) -> tuple[tuple[Array, ...], bool]:
         """Return x and the multipliers of A x and of x, all zeros where a number is not finite; and
         whether PIQP finds the QP infeasible.
@@ -255,7 +256,7 @@ class SparseCore:
         return parts, infeasible
 
     def _solver(
-        self, sparse: _SparseQp, options: problem.StageQpOptions, regularization: float
+        self, sparse: _SparseQp, options: StageQpOptions, regularization: float
     ) -> ca.Function:
         """Return the solver for the sparsity of a QP and these options; each is made once."""
         H = sparse.h.sparsity()
