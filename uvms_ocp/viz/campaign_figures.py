@@ -15,6 +15,7 @@ from uvms_ocp.types import Mask, Shape
 from uvms_ocp.viz import layout, style
 from uvms_ocp.viz.colours import BLUE, FADED, GREEN, ORANGE, THRESHOLD, VERMILLION
 from uvms_ocp.viz.label_text import label_text
+from uvms_ocp.viz.line_widths import EDGELESS, PLAIN
 
 _Success = Annotated[Mask, Shape("n")]
 _COLUMNS = 3  # of histograms beside each other
@@ -41,7 +42,7 @@ def figure_rate(
     figure = layout.titled(2.4, "Success rate, and its 95 % interval at the end", fig, width)
     axis = figure.subplots()
     n = np.arange(1, len(success) + 1)
-    axis.axhspan(100 * interval[0], 100 * interval[1], color=BLUE, alpha=0.15, lw=0)
+    axis.axhspan(100 * interval[0], 100 * interval[1], color=BLUE, alpha=0.15, lw=EDGELESS)
     axis.plot(n, 100 * np.cumsum(success) / n, color=BLUE)
     axis.set(xlabel="runs", ylabel="successes [%]", xlim=(1, max(2, len(success))))
     return figure
@@ -141,6 +142,6 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
         color=colors,
     )
     if bars:
-        axis.axvline(bars[0]["pawn_floor"], color=THRESHOLD, lw=0.9, ls=(0, (5, 3)))
+        axis.axvline(bars[0]["pawn_floor"], color=THRESHOLD, lw=PLAIN, ls=(0, (5, 3)))
     axis.set_xlabel(f"PAWN index of {figure_name} [-]; left of the dashed line nothing is told")
     return figure

@@ -1,6 +1,4 @@
-"""Colours of figures, which colour-blind readers can tell apart, dashes of lines, and colours of arrows
-in scenes.
-"""
+"""Colours of figures, which colour-blind readers can tell apart, and dashes of lines."""
 
 from __future__ import annotations
 
@@ -27,12 +25,6 @@ BREAK = "#D5DADF"
 FLOOR = "#8C6D46"
 OBSTACLE = "#D9B48F"
 OBSTACLE_EDGE = "#8A5A2B"
-# Colours of arrows in the scene, on dark water.
-ARROW_THRUST = "#b8f23c"
-ARROW_CONTACT = "#ff6b5e"
-ARROW_CURRENT = "#63e6ff"
-ARROW_FORCE = "#ff7ad9"
-ARROW_MOMENT = "#c9a0ff"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
 """Dashes of lines, one after the other where the colours come again."""
 

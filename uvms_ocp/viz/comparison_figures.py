@@ -15,6 +15,7 @@ from uvms_ocp.record.tables import unit_of
 from uvms_ocp.viz import layout, series, style
 from uvms_ocp.viz.colours import BLACK, BLUE, GREEN, ORANGE, VERMILLION
 from uvms_ocp.viz.label_text import label_text
+from uvms_ocp.viz.line_widths import FINE, LIGHT, MEDIUM
 from uvms_ocp.viz.time_spans import phase_spans
 
 _COLORS = (BLUE, VERMILLION, GREEN, ORANGE)
@@ -56,7 +57,7 @@ def figure_joint_comparison(
         rows = (record["t"] >= span.start) & (record["t"] <= span.end)
         positions = joint_positions(record.series, record.meta)[rows]
         for axis, column in zip(axes, positions.T, strict=True):
-            axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
+            axis.plot(record["t"][rows] - span.start, column, color=color, lw=MEDIUM)
     for axis, name in zip(axes, joints, strict=True):
         axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
     axes[-1].set_xlabel(series.axis_label(f"time since phase {label_text(phase)} began", "t"))
@@ -144,13 +145,13 @@ def figure_transitions(
     figure, axes = layout.stacked(3, 1.5, "Smoothness of phase changes", fig, width)
     for (_, run), color in zip(runs.items(), _COLORS, strict=False):
         for axis, name in zip(axes, _SMOOTHNESS, strict=True):
-            axis.plot(run["t"], np.maximum(run[name], _SMOOTHNESS[name][1]), color=color, lw=0.8)
+            axis.plot(run["t"], np.maximum(run[name], _SMOOTHNESS[name][1]), color=color, lw=LIGHT)
             for time in run["changes"]:
-                axis.axvline(time, color=color, lw=0.6, alpha=0.6)
+                axis.axvline(time, color=color, lw=FINE, alpha=0.6)
     for axis, (label, floor) in zip(axes, _SMOOTHNESS.values(), strict=True):
         layout.logarithmic(axis)
         axis.set_ylabel(label)
         axis.set_ylim(bottom=floor)
-    axes[0].axhline(1.0, color=BLACK, lw=0.6, ls="--")
+    axes[0].axhline(1.0, color=BLACK, lw=FINE, ls="--")
     _name_runs(figure, runs)
     return figure

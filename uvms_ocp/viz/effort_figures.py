@@ -13,6 +13,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import AXES_XYZ, BLUE, VERMILLION, line_style
 from uvms_ocp.viz.label_text import label_texts
+from uvms_ocp.viz.line_widths import LIGHT, PLAIN
 from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle
 
 _LONGEST_NAME = 20  # letters of a name beside lines
@@ -51,7 +52,7 @@ def _thrust(record: Record, axis: Axes) -> None:
     names = [column.partition(".")[2] for column in columns]
     labels = label_texts(names, _LONGEST_NAME)
     for i, (label, thrust) in enumerate(zip(labels, record["thrust"].T, strict=True)):
-        axis.plot(record["t"], thrust, **line_style(i), lw=0.8, label=label)
+        axis.plot(record["t"], thrust, **line_style(i), lw=LIGHT, label=label)
     axis.set_ylabel(axis_label("thrust", "thrust"))
 
 
@@ -60,7 +61,7 @@ def _wrench(record: Record, axes: Sequence[Axes]) -> None:
     part_columns = np.hsplit(record["wrench"], len(_PARTS))
     for axis, part, values in zip(axes, _PARTS, part_columns, strict=True):
         for color, name, column in zip(AXES_XYZ, "xyz", values.T, strict=True):
-            axis.plot(record["t"], column, color=color, lw=0.8, label=name)
+            axis.plot(record["t"], column, color=color, lw=LIGHT, label=name)
         axis.set_ylabel(axis_label(part, "wrench", part))
 
 
@@ -68,7 +69,7 @@ def _torque(record: Record, axis: Axes) -> None:
     """Draw the torque of every joint."""
     labels = label_texts(axis_names(record, record["torque"].shape[1]), _LONGEST_NAME)
     for i, (label, torque) in enumerate(zip(labels, record["torque"].T, strict=True)):
-        axis.plot(record["t"], torque, **line_style(i), lw=0.8, label=label)
+        axis.plot(record["t"], torque, **line_style(i), lw=LIGHT, label=label)
     axis.set_ylabel(axis_label("torque", "torque", meta=record.meta))
 
 
@@ -95,9 +96,9 @@ def figure_tracking(
     figure, axes = layout.stacked(3, 1.5, "Velocity tracking and estimated disturbance", fig, width)
     axis_pairs = (("surge", "roll"), ("sway", "pitch"), ("heave", "yaw"))
     for i, (color, (linear, angular)) in enumerate(zip(AXES_XYZ, axis_pairs, strict=True)):
-        axes[0].plot(t, 1e3 * error[:, i], color=color, lw=0.9, label=linear)
-        axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=0.9, label=angular)
-        axes[2].plot(t, record["disturbance"][:, i], color=color, lw=0.9, label=linear)
+        axes[0].plot(t, 1e3 * error[:, i], color=color, lw=PLAIN, label=linear)
+        axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=PLAIN, label=angular)
+        axes[2].plot(t, record["disturbance"][:, i], color=color, lw=PLAIN, label=linear)
     labels = (
         axis_label("velocity error", "v", "linear", "m"),
         axis_label("rate error", "v", "angular", "m"),

@@ -13,6 +13,7 @@ from uvms_ocp.record.run_meta import joint_errors
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import AXES_XYZ, LINES
 from uvms_ocp.viz.label_text import label_texts
+from uvms_ocp.viz.line_widths import FINE, PLAIN
 from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle
 from uvms_ocp.viz.time_spans import phase_spans
 
@@ -102,9 +103,9 @@ def _draw(
 ) -> None:
     """Draw errors (n, lines) over time, each between lines at two standard deviations to either side."""
     for i, (name, color) in enumerate(zip(names, colors, strict=True)):
-        axis.plot(t, errors[:, i], color=color, lw=0.9, label=name)
+        axis.plot(t, errors[:, i], color=color, lw=PLAIN, label=name)
         for sign in (-2.0, 2.0):
-            axis.plot(t, sign * spreads[:, i], color=color, lw=0.6, ls=":")
+            axis.plot(t, sign * spreads[:, i], color=color, lw=FINE, ls=":")
     largest = max(
         float(np.percentile(2.0 * spreads, _FITTING)),
         float(np.percentile(np.abs(errors), _FITTING)),

@@ -9,6 +9,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import TRUST
 from uvms_ocp.viz.label_text import label_text
+from uvms_ocp.viz.line_widths import EDGELESS
 from uvms_ocp.viz.series import axis_label
 from uvms_ocp.viz.time_spans import intervals_of, phase_spans
 
@@ -39,7 +40,7 @@ def figure_health(
             for start, end, state in intervals_of(codes):
                 if state == code:
                     pieces.append((t[start], t[end] - t[start]))
-            axis.broken_barh(pieces, (row - _HEIGHT / 2, _HEIGHT), facecolors=color, lw=0)
+            axis.broken_barh(pieces, (row - _HEIGHT / 2, _HEIGHT), facecolors=color, lw=EDGELESS)
     axis.set_yticks(range(len(names)), [label_text(name) for name in names])
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.grid(visible=False, axis="y")

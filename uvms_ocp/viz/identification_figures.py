@@ -26,6 +26,7 @@ from uvms_ocp.identification.whiteness import (
 from uvms_ocp.viz import layout, series, style
 from uvms_ocp.viz.colours import BLACK, BLUE, FADED, GREEN, ORANGE, THRESHOLD, VERMILLION
 from uvms_ocp.viz.label_text import label_text
+from uvms_ocp.viz.line_widths import BROAD, EDGELESS, FINE, MEDIUM, PLAIN, STRONG, THIN
 
 _AXES_OF_SENSOR = 3
 _UNITS = ("m/s", "rad/s", "-")
@@ -57,7 +58,7 @@ def figure_residuals(comparison: Comparison) -> Figure:
         sensor, column = divmod(i, _AXES_OF_SENSOR)
         simulated = residuals.rows[sensor][:, column]
         measured = residuals.measured[sensor][:, column]
-        over_time.plot(residuals.t[sensor], simulated - measured, color=BLUE, lw=0.6)
+        over_time.plot(residuals.t[sensor], simulated - measured, color=BLUE, lw=FINE)
         over_time.set_ylabel(f"{name}\n[{_UNITS[sensor]}]")
         if name in tests:
             _correlation(over_lags, tests[name])
@@ -68,8 +69,8 @@ def figure_residuals(comparison: Comparison) -> Figure:
 
 def _correlation(axis: Axes, test: Whiteness) -> None:
     lags = test.interval * np.arange(len(test.correlation))
-    axis.axhspan(-test.bound, test.bound, color=FADED, alpha=0.5, lw=0)
-    axis.vlines(lags[1:], 0.0, test.correlation[1:], color=BLUE, lw=1.2)
+    axis.axhspan(-test.bound, test.bound, color=FADED, alpha=0.5, lw=EDGELESS)
+    axis.vlines(lags[1:], 0.0, test.correlation[1:], color=BLUE, lw=STRONG)
     axis.set_ylim(-1.05, 1.05)
     color = THRESHOLD if test.white else VERMILLION
     if test.p > LEAST_P:
@@ -101,11 +102,11 @@ def _profile(axis: Axes, profile: Profile) -> None:
     number = profile.number
     color = VERMILLION if profile.differs else BLUE
     for end in (-INTERVAL, INTERVAL):
-        axis.axhline(end, color=THRESHOLD, lw=0.7, ls=(0, (5, 3)))
+        axis.axhline(end, color=THRESHOLD, lw=THIN, ls=(0, (5, 3)))
     straight = (np.array(number.interval) - number.value) / number.sigma
     scanned = (np.array(profile.values) - number.value) / number.sigma
-    axis.plot(straight, (-INTERVAL, INTERVAL), color=FADED, lw=2.5)
-    axis.plot(scanned, profile.roots, color=color, lw=1.0, marker="o", ms=3)
+    axis.plot(straight, (-INTERVAL, INTERVAL), color=FADED, lw=BROAD)
+    axis.plot(scanned, profile.roots, color=color, lw=MEDIUM, marker="o", ms=3)
     axis.set_title(
         f"{label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}",
         fontsize=style.points(7),
@@ -213,14 +214,14 @@ def _draw(
     calibrated = comparison.calibrated
     t = calibrated.t[sensor]
     measured = column(calibrated.measured[sensor])
-    axis.plot(t, measured, color=BLACK, lw=0.7, label="measured")
+    axis.plot(t, measured, color=BLACK, lw=THIN, label="measured")
     for name, predicted, color in (
         ("before", comparison.before, FADED),
         ("at rest in balance", comparison.balance, GREEN),
         ("calibrated", calibrated, VERMILLION),
     ):
         t = predicted.t[sensor]
-        axis.plot(t, column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
+        axis.plot(t, column(predicted.rows[sensor]), color=color, lw=PLAIN, label=name)
 
 
 @style.styled

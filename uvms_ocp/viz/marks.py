@@ -11,6 +11,7 @@ from uvms_ocp.errors import plain_line
 from uvms_ocp.record.record import Record
 from uvms_ocp.viz.colours import FAULT, PHASE_BEGIN, PHASES, THRESHOLD
 from uvms_ocp.viz.layout import inches
+from uvms_ocp.viz.line_widths import EDGELESS, FINE, PLAIN, THIN
 from uvms_ocp.viz.style import points
 from uvms_ocp.viz.time_spans import PhaseSpan, fault_spans, phase_spans
 
@@ -45,9 +46,9 @@ def mark_time(
     for fault in fault_spans(record):
         names_by_start.setdefault(fault.start, []).append(fault.name)
         for axis in axes:
-            axis.axvline(fault.start, color=FAULT, lw=0.9, ls=(0, (4, 2)), zorder=1.4)
+            axis.axvline(fault.start, color=FAULT, lw=PLAIN, ls=(0, (4, 2)), zorder=1.4)
             if fault.ended:
-                axis.axvline(fault.end, color=FAULT, lw=0.9, ls=(0, (1, 2)), zorder=1.4)
+                axis.axvline(fault.end, color=FAULT, lw=PLAIN, ls=(0, (1, 2)), zorder=1.4)
     if not named:
         return
     for line, (start, names) in enumerate(names_by_start.items()):
@@ -94,10 +95,10 @@ def shade_phases(
     for axis in axes:
         for span in spans:
             band = PHASES[span.index % len(PHASES)]
-            axis.axvspan(span.start, span.end, color=band, lw=0, zorder=-2, gid=_PHASE)
+            axis.axvspan(span.start, span.end, color=band, lw=EDGELESS, zorder=-2, gid=_PHASE)
         if len(spans) <= _MANY:
             for span in spans[1:]:
-                axis.axvline(span.start, color=PHASE_BEGIN, lw=0.6, zorder=-1)
+                axis.axvline(span.start, color=PHASE_BEGIN, lw=FINE, zorder=-1)
         axis.set_xlim(spans[0].start, spans[-1].end)
     if not named:
         return
@@ -147,7 +148,7 @@ def mark_phase_starts(
     """
     for axis in axes:
         for span in spans[1:]:
-            axis.axvline(span.start, color=color, lw=0.7, ls=(0, (1, 2)), alpha=0.8, zorder=-1)
+            axis.axvline(span.start, color=color, lw=THIN, ls=(0, (1, 2)), alpha=0.8, zorder=-1)
     length = spans[-1].end - spans[0].start
     look = {"ha": "left", "va": "bottom", "fontsize": points(6.5), "color": color}
     for span in spans:
@@ -165,7 +166,7 @@ def threshold(axis: Axes, value: float, text: str, place: float = 0.0) -> None:
     """Draw a dashed line at `value` [unit of the axis], with its meaning written on it at that
     share of its length.
     """
-    axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
+    axis.axhline(value, color=THRESHOLD, lw=PLAIN, ls=(0, (5, 3)), zorder=1.5)
     # Over curves that run through the text.
     paper = {"facecolor": axis.get_facecolor(), "alpha": 0.8, "lw": 0, "pad": 0.6}
     look = {"ha": "left", "va": "bottom", "fontsize": points(7), "color": THRESHOLD, "bbox": paper}

@@ -14,6 +14,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import AXES_XYZ, DASHES, LINES, VERMILLION
 from uvms_ocp.viz.label_text import label_text
+from uvms_ocp.viz.line_widths import LIGHT, STRONG
 from uvms_ocp.viz.series import axis_label, has_vehicle
 from uvms_ocp.viz.time_spans import PhaseSpan, phase_spans
 
@@ -91,7 +92,7 @@ def _velocity_lines(
     else:
         is_shown = np.abs(t - center) <= _ZOOM
     for values, name, color, dashes in zip(v[is_shown].T, names, AXES_XYZ, DASHES, strict=True):
-        axis.plot(t[is_shown], values, color=color, ls=dashes, label=name, lw=1.2)
+        axis.plot(t[is_shown], values, color=color, ls=dashes, label=name, lw=STRONG)
 
 
 @style.styled
@@ -145,4 +146,4 @@ def _joint_column(
         axis.plot(record["t"], values[:, i], color=LINES[i % len(LINES)])
         for bound in bounds:
             if np.isfinite(bound[i]):
-                axis.axhline(bound[i], color=VERMILLION, lw=0.8, ls="--")
+                axis.axhline(bound[i], color=VERMILLION, lw=LIGHT, ls="--")

@@ -13,6 +13,7 @@ from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import BLACK, FLOOR, LINES, OBSTACLE, OBSTACLE_EDGE
 from uvms_ocp.viz.label_text import label_text
+from uvms_ocp.viz.line_widths import BOLD, LIGHT
 from uvms_ocp.viz.series import floor_heights, has_vehicle
 from uvms_ocp.viz.time_spans import phase_spans
 
@@ -54,9 +55,9 @@ def _draw_floor(axis: Axes, record: Record) -> None:
     """Draw a line for a flat floor, else the floor below the path."""
     below = floor_heights(record, record["q"][:, :2])
     if below is not None and record.meta.surroundings.floor is None:
-        axis.axhline(below[0], color=FLOOR, lw=2, label="floor")
+        axis.axhline(below[0], color=FLOOR, lw=BOLD, label="floor")
     elif below is not None:
-        axis.plot(record["q"][:, 0], below, color=FLOOR, lw=2, label="floor below")
+        axis.plot(record["q"][:, 0], below, color=FLOOR, lw=BOLD, label="floor below")
 
 
 def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
@@ -65,7 +66,7 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
     for span in phase_spans(record):
         part = (t >= span.start) & (t <= span.end)
         color = LINES[span.index % len(LINES)]
-        axis.plot(p[part, i], p[part, j], color=color, lw=2, label=label_text(span.label))
+        axis.plot(p[part, i], p[part, j], color=color, lw=BOLD, label=label_text(span.label))
     axis.plot(p[0, i], p[0, j], "o", color=BLACK, ms=4)
     for item in record.meta.surroundings.obstacles:
         outline = obstacle_outline(item, i, j)
@@ -73,7 +74,7 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
             *outline.T,
             facecolor=OBSTACLE,
             edgecolor=OBSTACLE_EDGE,
-            lw=0.8,
+            lw=LIGHT,
             alpha=0.55,
             zorder=1,
         )

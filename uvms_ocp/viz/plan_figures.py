@@ -18,6 +18,7 @@ from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import BLACK, BREAK, THRESHOLD, VERMILLION, line_style
 from uvms_ocp.viz.effort_figures import figure_efforts
 from uvms_ocp.viz.label_text import label_text, label_texts
+from uvms_ocp.viz.line_widths import EDGELESS, HAIR, LIGHT
 from uvms_ocp.viz.series import axis_label, require_rows
 
 _ROWS = {
@@ -77,7 +78,7 @@ def figure_clearance(
     bottom = min(float(d.min()), 0.0)
     top = max(top, clearance, link_clearance or 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
-    axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=0)
+    axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=EDGELESS)
     axis.set_ylabel(axis_label("distance", "clearance"))
     figure.legend(loc="outside upper right", ncols=4)
     _mark_breaks([axis], record)
@@ -162,7 +163,7 @@ def _draw_limits(row: Axes, record: Record, series: str, indices: list[int]) -> 
             colors = [THRESHOLD]
         for (n, color), side in itertools.product(enumerate(colors), (limit, -limit)):
             if low * 1.4 <= side <= high * 1.4:
-                row.axhline(side, color=color, lw=0.8, ls=(8 * n, (5, 8 * len(colors) - 5)))
+                row.axhline(side, color=color, lw=LIGHT, ls=(8 * n, (5, 8 * len(colors) - 5)))
 
 
 def _mark_breaks(axes: list[Axes], record: Record) -> None:
@@ -172,5 +173,5 @@ def _mark_breaks(axes: list[Axes], record: Record) -> None:
     require_rows(record)
     for axis in axes:
         for t in record.plan_meta.breaks[1:-1]:
-            axis.axvline(t, color=BREAK, lw=0.5, zorder=-1)
+            axis.axvline(t, color=BREAK, lw=HAIR, zorder=-1)
         axis.set_xlim(record["t"][0], record["t"][-1])

@@ -18,6 +18,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style, task_figures
 from uvms_ocp.viz.colours import DASHES, LINES, THRESHOLD
 from uvms_ocp.viz.label_text import label_text, label_texts
+from uvms_ocp.viz.line_widths import EDGELESS, FIRM
 from uvms_ocp.viz.series import require_rows
 from uvms_ocp.viz.time_spans import PhaseSpan, phase_spans
 
@@ -191,9 +192,9 @@ def _draw(axis: Axes, lines_of_groups: Sequence[Mapping[str, _Line]]) -> None:
     dashes = {label: _DASHES[k % len(_DASHES)] for k, label in enumerate(labels)}
     for k, lines in enumerate(lines_of_groups):
         for label, (t, values, band) in lines.items():
-            axis.plot(t, values, color=_color(k), ls=dashes[label], lw=1.1)
+            axis.plot(t, values, color=_color(k), ls=dashes[label], lw=FIRM)
             if band is not None:
-                axis.fill_between(t, *band, color=_color(k), alpha=0.2, lw=0)
+                axis.fill_between(t, *band, color=_color(k), alpha=0.2, lw=EDGELESS)
     if len(labels) > 1:
         for name, dash in zip(label_texts(list(labels), 20), dashes.values(), strict=True):
             axis.plot([], [], color=THRESHOLD, ls=dash, label=name)

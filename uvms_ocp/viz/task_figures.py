@@ -17,6 +17,7 @@ from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.viz import layout, marks, series as recorded, style
 from uvms_ocp.viz.colours import BLACK, BLUE, FADED, GREEN, ORANGE, VERMILLION, line_style
 from uvms_ocp.viz.label_text import label_text, label_texts
+from uvms_ocp.viz.line_widths import EDGELESS, FIRM, LIGHT, PLAIN
 
 PANEL_HEIGHT = 1.75  # [in]
 _TASK_HEIGHT = 0.56  # [in] of the activation of a task
@@ -110,7 +111,7 @@ def _quantity_figure(
         axis.set_ylabel(recorded.axis_label(label, name, meta=record.meta))
     marks.mark_time(axes, record)
     active = Line2D([], [], color=BLACK, label="task active")
-    inactive = Line2D([], [], color=FADED, lw=0.9, label="task off")
+    inactive = Line2D([], [], color=FADED, lw=PLAIN, label="task off")
     layout.heading_legend(figure, [active, inactive])
     return figure
 
@@ -125,7 +126,7 @@ def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
         is_on = np.ones(len(record), dtype=bool)
     else:
         is_on = gate > 0
-    axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
+    axis.plot(record["t"], values, color=color, alpha=0.35, lw=PLAIN)
     axis.plot(record["t"], np.where(is_on, values, np.nan), color=color)
     mark_thresholds(axis, record, name)
     return values[is_on]
@@ -269,7 +270,7 @@ def figure_of(
                 record["t"],
                 values,
                 **line_style(k),
-                lw=1.1,
+                lw=FIRM,
                 label=line_label,
                 gid=marks.CURVE,
             )
@@ -377,15 +378,15 @@ def figure_row_activations(
 
 
 def _draw_activation(axis: Axes, t: np.ndarray, rows: np.ndarray, gate: np.ndarray | None) -> None:
-    axis.fill_between(t, rows.max(axis=1, initial=0.0), color=BLUE, alpha=0.25, lw=0)
-    axis.plot(t, rows, color=BLUE, lw=0.8)
+    axis.fill_between(t, rows.max(axis=1, initial=0.0), color=BLUE, alpha=0.25, lw=EDGELESS)
+    axis.plot(t, rows, color=BLUE, lw=LIGHT)
     if gate is not None:
-        axis.plot(t, gate, color=VERMILLION, lw=0.9, ls="--")
+        axis.plot(t, gate, color=VERMILLION, lw=PLAIN, ls="--")
     axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
 
 
 def _legend(figure: Figure) -> None:
     """Add the legend of the two lines of every panel of activations."""
-    rows = Line2D([], [], color=BLUE, lw=0.9, label="rows: own bell × phase")
-    phase = Line2D([], [], color=VERMILLION, lw=0.9, ls="--", label="phase")
+    rows = Line2D([], [], color=BLUE, lw=PLAIN, label="rows: own bell × phase")
+    phase = Line2D([], [], color=VERMILLION, lw=PLAIN, ls="--", label="phase")
     layout.heading_legend(figure, [rows, phase])

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from uvms_ocp.record.record import Record
 from uvms_ocp.viz import layout, marks, style
 from uvms_ocp.viz.colours import BLACK, BLUE, VERMILLION
+from uvms_ocp.viz.line_widths import PLAIN
 from uvms_ocp.viz.series import axis_label
 
 
@@ -34,8 +35,8 @@ def figure_tick_time(
     for share, color in ((50, BLACK), (99, VERMILLION)):
         value = float(np.percentile(tick, share))
         label = f"p{share}  {value:.0f} µs"
-        over_time.axhline(value, color=color, lw=0.9, ls="--", label=label)
-        lines.append(spread.axhline(value, color=color, lw=0.9, ls="--", label=label))
+        over_time.axhline(value, color=color, lw=PLAIN, ls="--", label=label)
+        lines.append(spread.axhline(value, color=color, lw=PLAIN, ls="--", label=label))
     marks.threshold(over_time, period, "control period")
     # Room for the name of the period below those of the phases.
     over_time.set_ylim(top=3.0 * max(period, float(tick.max())))

@@ -14,6 +14,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import ALTIMETER, TOOL
 from uvms_ocp.robot.spatial import continuous_quaternions
+from uvms_ocp.viz.scene.colours import BEAM
 from uvms_ocp.viz.scene.page import AnimationClip, AnimationTrack, Visualizer, geometry as mg
 from uvms_ocp.viz.scene.shapes import Y_TO_Z, draw_shape, glow, shifted
 from uvms_ocp.viz.series import require_rows
@@ -21,7 +22,6 @@ from uvms_ocp.viz.time_spans import phase_spans
 
 _MAX_POSES = 25_000  # joints times frames; keeps the page below 5 MB however long the run
 _MISSED = 5e-4  # [m, -] by which straight lines between keys of a track may miss it
-_BEAM = (0.5, 1.0, 0.9)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -172,7 +172,7 @@ def _time_in_phase(record: Record, phase: str, t: np.ndarray) -> np.ndarray:
 
 def draw_beam(node: Visualizer) -> None:
     """Draw the altimeter's beam of length 1 along -z of its frame, which the clip scales."""
-    node["ray"].set_object(mg.Cylinder(1.0, radiusTop=0.008, radiusBottom=0.05), glow(_BEAM, 0.28))
+    node["ray"].set_object(mg.Cylinder(1.0, radiusTop=0.008, radiusBottom=0.05), glow(BEAM, 0.28))
     node["ray"].set_transform(shifted(np.array([0.0, 0.0, -0.5])) @ Y_TO_Z)
 
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.shapes import hull
-from uvms_ocp.viz import colours
+from uvms_ocp.viz.scene import colours
 from uvms_ocp.viz.scene.animation import Frames, rounded
 
 _NEGLIGIBLE = 1e-6  # [N, N m, m/s] size below which, throughout, a quantity has no arrow

@@ -11,10 +11,9 @@ from types import MappingProxyType
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.viz.scene import colours
 from uvms_ocp.viz.scene.animation import Frames, frames_of, require_fit
 
-_COLOURS = ((0.35, 0.85, 1.0), (1.0, 0.6, 0.25), (0.75, 0.6, 1.0), (0.5, 0.95, 0.55))
-OPACITY = 0.32
 NO_GHOSTS: Mapping[str, Record] = MappingProxyType({})
 
 
@@ -35,12 +34,15 @@ def ghosts_of(records: Mapping[str, Record], robot: Robot, fps: float) -> Iterat
     """Yield the ghosts of records by name, in frames of `fps` [Hz]. Raises `InvalidInput` for a
     record of another robot.
     """
-    if len(records) > len(_COLOURS):
+    if len(records) > len(colours.GHOSTS):
         raise InvalidInput(
-            f"{len(records)} ghosts; give {len(_COLOURS)} at most, more cannot be told apart"
+            f"{len(records)} ghosts; give {len(colours.GHOSTS)} at most, more cannot be told apart"
         )
     for k, (name, record) in enumerate(records.items()):
         require_fit(record, robot)
         yield Ghost(
-            name=name, node=f"ghost {k}", rgb=_COLOURS[k], frames=frames_of(record, robot, fps)
+            name=name,
+            node=f"ghost {k}",
+            rgb=colours.GHOSTS[k],
+            frames=frames_of(record, robot, fps),
         )

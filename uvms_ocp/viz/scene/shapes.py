@@ -8,6 +8,7 @@ from typing import Any
 import coal
 import numpy as np
 
+from uvms_ocp.viz.scene.colours import TRIAD
 from uvms_ocp.viz.scene.page import Visualizer, geometry as mg
 
 # three.js draws cylinders along y, coal along z.
@@ -95,7 +96,7 @@ def draw_triad(node: Visualizer, length: float) -> None:
     """Draw three solid arrows, x red, y green, z blue, of `length` [m] (lines are one pixel wide in
     WebGL).
     """
-    for axis, rgb in enumerate(((0.85, 0.15, 0.1), (0.1, 0.65, 0.2), (0.15, 0.35, 0.9))):
+    for axis, rgb in enumerate(TRIAD):
         extent = np.full(3, 0.05 * length)
         extent[axis] = length
         node["xyz"[axis]].set_object(mg.Box(extent.tolist()), material((*rgb, 1.0)))

@@ -16,8 +16,9 @@ from uvms_ocp.robot import Robot, list_robots, load_robot, recorded_robots
 from uvms_ocp.viz.scene import animation, shapes
 from uvms_ocp.viz.scene.animation import Frames, draw_robot, joint_node, require_fit
 from uvms_ocp.viz.scene.arrows import arrow_groups
+from uvms_ocp.viz.scene.colours import GHOST_OPACITY
 from uvms_ocp.viz.scene.details import legend, page_details, readouts, time_line
-from uvms_ocp.viz.scene.ghosts import NO_GHOSTS, OPACITY, Ghost, ghosts_of
+from uvms_ocp.viz.scene.ghosts import NO_GHOSTS, Ghost, ghosts_of
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, Visualizer, build_page
 from uvms_ocp.viz.scene.posed import links, posed_page
 from uvms_ocp.viz.scene.surroundings import draw_goals, draw_obstacles, draw_trails, middle
@@ -181,7 +182,7 @@ def _draw(
     """
     draw_robot(root["robot"], robot)
     for ghost in ghosts:
-        draw_robot(root[ghost.node], robot, (*ghost.rgb, OPACITY))
+        draw_robot(root[ghost.node], robot, (*ghost.rgb, GHOST_OPACITY))
     draw_goals(root["goals"], record)
     draw_obstacles(root["obstacles"], record)
     clips: dict[Any, Any] = {

@@ -10,6 +10,7 @@ import pinocchio as pin
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
+from uvms_ocp.viz.scene import colours
 from uvms_ocp.viz.scene.animation import Frames
 from uvms_ocp.viz.scene.page import Visualizer, geometry as mg
 from uvms_ocp.viz.scene.shapes import draw_shape, draw_triad, glow, hex_of, material, shifted, tube
@@ -17,15 +18,6 @@ from uvms_ocp.viz.series import floor_heights
 
 _TRAIL_STEP = 0.01  # [m] between points of a trail
 _SAME_PLACE = 0.05  # [m] within which one name is written for all that stands there
-Colour = tuple[float, float, float]
-_VEHICLE_TRAIL: Colour = (1.0, 0.82, 0.2)
-_TOOL_TRAILS: tuple[Colour, ...] = (
-    (0.95, 0.25, 0.55),
-    (0.45, 0.95, 0.6),
-    (0.7, 0.6, 1.0),
-)
-_MARKER_COLOURS = ((0.95, 0.3, 0.1), (0.2, 0.85, 0.45), (0.95, 0.85, 0.2), (0.6, 0.4, 0.9))
-_OBSTACLE_COLOUR = np.array([0.85, 0.45, 0.2, 0.55])
 
 
 def extent(record: Record, frames: Frames) -> np.ndarray:
@@ -46,17 +38,19 @@ def middle(record: Record, frames: Frames) -> np.ndarray:
 
 
 def draw_trails(
-    node: Visualizer, robot: Robot, frames: Frames, colour: Colour | None = None
+    node: Visualizer, robot: Robot, frames: Frames, colour: colours.Colour | None = None
 ) -> list[dict[str, Any]]:
     """Draw tubes along the paths of vehicle and tools; the page reveals them up to the time shown.
 
     colour (3,) of all, from 0 to 1; left out: one for each.
     """
-    paths = list[tuple[str, np.ndarray, Colour, float]]()  # name, points, colour, radius [m]
+    paths = list[
+        tuple[str, np.ndarray, colours.Colour, float]
+    ]()  # name, points, colour, radius [m]
     if robot.n_vehicle:
-        paths.append(("vehicle", frames.placements[:, 1, :3], _VEHICLE_TRAIL, 0.018))
+        paths.append(("vehicle", frames.placements[:, 1, :3], colours.VEHICLE_TRAIL, 0.018))
     for k, (name, points) in enumerate(frames.tools.items()):
-        tool_colour = _TOOL_TRAILS[min(k, len(_TOOL_TRAILS) - 1)]
+        tool_colour = colours.TOOL_TRAILS[min(k, len(colours.TOOL_TRAILS) - 1)]
         paths.append((name, points, tool_colour, 0.011))
     trails = []
     for name, points, own_colour, radius in paths:
@@ -84,7 +78,7 @@ def draw_goals(node: Visualizer, record: Record) -> None:
     numbered as in the record.
     """
     for i, marker in enumerate(record.meta.surroundings.markers):
-        rgb = _MARKER_COLOURS[i % len(_MARKER_COLOURS)]
+        rgb = colours.MARKERS[i % len(colours.MARKERS)]
         point = np.array(marker.position)
         item_node = node[f"marker {i}"]
         item_node["ball"].set_object(mg.Sphere(0.06), material((*rgb, 0.75)))
@@ -124,5 +118,5 @@ def draw_obstacles(node: Visualizer, record: Record) -> None:
     for i, data in enumerate(record.meta.surroundings.obstacles):
         item = build_obstacle(data)
         obstacle_node = node[f"{i:03d}"]
-        draw_shape(obstacle_node["shape"], item.shape, _OBSTACLE_COLOUR)
+        draw_shape(obstacle_node["shape"], item.shape, np.array(colours.OBSTACLE))
         obstacle_node.set_transform(item.X_WO.homogeneous)

@@ -13,6 +13,7 @@ from uvms_ocp.robot import Robot
 from uvms_ocp.robot.shapes import pair_distances, shape_pairs
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz.scene.animation import Frames, rounded
+from uvms_ocp.viz.scene.colours import DISTANCE
 
 NEAR = 1.0
 """[m] below which a line is drawn."""
@@ -54,7 +55,7 @@ def witness_lines(
         )
     return {
         "near": NEAR,
-        "colour": "#ffe066",
+        "colour": DISTANCE,
         "shown": True,
         "t": frames.t[frame_indices].round(3).tolist(),
         "obstacles": obstacle_values,
