@@ -21,7 +21,7 @@ from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.scenario.cases import case1, case2, obstacle_field, reach
 from uvms_ocp.scenario.options import mission_of, phase_of, run_options
 from uvms_ocp.scenario.preflight import Severity
-from uvms_ocp.scenario.preflight.reachability import ArmReach
+from uvms_ocp.scenario.preflight.arm_reach import ArmReach
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks import Alignment, MinimumAltitude, ToolPosition, VehiclePose
 from uvms_ocp.types import Point

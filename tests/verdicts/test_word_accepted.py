@@ -18,7 +18,7 @@ from uvms_ocp.robot.limits import from_joint_values
 from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.cases.case1 import case1
-from uvms_ocp.scenario.preflight.reachability import REACHED, ArmReach, ReachResult
+from uvms_ocp.scenario.preflight.arm_reach import REACHED, ArmReach, ReachResult
 from uvms_ocp.scenario.preflight.robot_check import RobotVerdict, check_robot_files
 from uvms_ocp.scenario.scenario import Scenario
 

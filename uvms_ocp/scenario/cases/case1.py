@@ -26,7 +26,7 @@ from uvms_ocp.scenario.options import (
     phase_of,
     run_options,
 )
-from uvms_ocp.scenario.preflight.reachability import ArmReach, ReachResult
+from uvms_ocp.scenario.preflight.arm_reach import ArmReach, ReachResult
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.currents import OnsetCurrent
 from uvms_ocp.tasks import Alignment, JointTracking, LandingAltitude

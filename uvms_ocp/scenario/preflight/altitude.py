@@ -16,8 +16,7 @@ from uvms_ocp.scenario.preflight.phase_forecast import (
     points_on_ball,
     threshold_of,
 )
-from uvms_ocp.scenario.preflight.reachability import goals_of
-from uvms_ocp.scenario.preflight.setup import Setup
+from uvms_ocp.scenario.preflight.setup import Setup, goals_of
 from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, goals
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 

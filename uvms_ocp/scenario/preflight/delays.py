@@ -12,10 +12,10 @@ import pinocchio as pin
 
 from uvms_ocp.control.force.velocity_law import CONTROLLER_DEAD_TIME, dead_times, largest_dead_time
 from uvms_ocp.robot.dynamics import cached_dynamics
+from uvms_ocp.scenario.preflight.arm_reach import ArmReach
 from uvms_ocp.scenario.preflight.findings import Finding, Severity
 from uvms_ocp.scenario.preflight.phase_forecast import Visit
-from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
-from uvms_ocp.scenario.preflight.setup import Setup
+from uvms_ocp.scenario.preflight.setup import Setup, goals_of
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 

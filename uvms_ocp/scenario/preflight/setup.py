@@ -15,7 +15,10 @@ from uvms_ocp.mission import Mission
 from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs, static_balance
 from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
 from uvms_ocp.types import Finite, Period, Shape
+
+_N_TIMES = 5  # samples of a goal that moves
 
 
 @checked_dataclass(eq=False)
@@ -75,3 +78,11 @@ def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     return pin.updateFramePlacement(robot.model, data, robot.frame_id(frame)).copy()
+
+
+def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
+    """Return the goal; where it comes to rest if it moves; samples of it if it never rests."""
+    last_pose, rate = evaluate_pose(name, goal, setup.duration)
+    if not callable(goal) or not rate.any():
+        return [last_pose]
+    return [evaluate_pose(name, goal, t)[0] for t in np.linspace(0.0, setup.duration, _N_TIMES)]

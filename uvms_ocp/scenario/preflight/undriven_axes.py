@@ -20,8 +20,7 @@ from uvms_ocp.robot.thrusters import (
 from uvms_ocp.scenario.preflight.findings import Finding, Severity
 from uvms_ocp.scenario.preflight.forces import CURRENT_TIMES, FORCES
 from uvms_ocp.scenario.preflight.phase_forecast import Visit, threshold_of
-from uvms_ocp.scenario.preflight.reachability import goals_of
-from uvms_ocp.scenario.preflight.setup import Setup
+from uvms_ocp.scenario.preflight.setup import Setup, goals_of
 from uvms_ocp.tasks import attitude, goals
 from uvms_ocp.tasks.pose import PoseTask, VehiclePose
 
