@@ -127,7 +127,7 @@ def _number_table(calibration: Calibration) -> Iterator[str]:
     """Tabulate the identified numbers, after the status of the search and the assumptions of
     intervals.
     """
-    yield report_prose.NUMBERS.format(
+    yield report_prose.STATUS.format(
         status=calibration.status,
         inflation=calibration.inflation,
         below=100 * DETERMINED_BELOW,
@@ -138,10 +138,10 @@ def _number_table(calibration: Calibration) -> Iterator[str]:
         yield report_prose.UNEXPLAINED.format(missed=", ".join(missed))
     axes = calibration.subject.vehicle.axes
     if len(axes) < len(parameters.AXES):
-        yield report_prose.AXES.format(axes=", ".join(parameters.AXES[k] for k in axes))
+        yield report_prose.HELD_AXES.format(axes=", ".join(parameters.AXES[k] for k in axes))
     shape = shape_of(calibration.subject.robot, calibration.subject.frame)
     if shape:
-        yield report_prose.SHAPE.format(
+        yield report_prose.SHAPE_PRIORS.format(
             shape=shape, frame=calibration.subject.frame, **SHAPE_SPREADS
         )
     yield report_prose.NUMBER_TABLE
@@ -165,7 +165,7 @@ def _recording_table(calibration: Calibration) -> Iterator[str]:
     for name in unknowns.names:
         quantity = unknowns.declaration.quantities[name.partition(" ")[0]]
         headers.append(f"{name} [{quantity.unit}]")
-    yield report_prose.OWN
+    yield report_prose.PER_RECORDING
     yield "| recording | " + " | ".join(headers) + " |"
     yield "|---" + "|---:" * len(headers) + "|"
     for name, values in calibration.estimate.per_recording.items():
@@ -242,7 +242,7 @@ def _evidence_data(recording: str, entry: Evidence) -> dict[str, str]:
 
 def _held_table(calibration: Calibration) -> Iterator[str]:
     """Tabulate the constants of the fit, and the effect that an error of each would have."""
-    yield report_prose.HELD
+    yield report_prose.HELD_CONSTANTS
     constants = {constant.quantity: constant for constant in calibration.constants}
     quantities = calibration.subject.vehicle.shared.declaration.quantities
     for name, quantity in quantities.items():
@@ -285,7 +285,7 @@ def _noise_row(constant: HeldConstant) -> str:
 
 def _whiteness_table(calibration: Calibration) -> Iterator[str]:
     """Tabulate the whiteness of the residuals, channel by channel."""
-    yield report_prose.WHITE.format(level=LEVEL)
+    yield report_prose.WHITENESS.format(level=LEVEL)
     for test in calibration.whiteness:
         word = "yes" if test.white else "no"
         p_value = f"below {LEAST_P:g}"
