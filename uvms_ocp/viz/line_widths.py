@@ -1,5 +1,5 @@
 """Widths of lines [points] of figures, from the finest to the broadest; of all other lines
-`figures.mplstyle` has them.
+``figures.mplstyle`` has them.
 """
 
 from __future__ import annotations
