@@ -34,7 +34,14 @@ from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import VehiclePose
 
 DT = 0.02
-CHANNELS = ("position", "altimeter_range", "joint_positions", "linear_velocity", "attitude")
+CHANNELS = (
+    "position",
+    "altimeter_range",
+    "joint_positions",
+    "linear_velocity",
+    "attitude",
+    "angular_velocity",
+)
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +58,8 @@ def babble(scenario: Scenario, n: int) -> list[tuple[StateEstimate, ActuationFee
     telemetry = []
     for k in range(n):
         bad = {CHANNELS[k // 40 % 5]: Trust(int(k % 40 > 20) + int(k % 40 > 30))}
+        if 205 < k < 225:
+            bad |= {"attitude": Trust.SUSPECT, "angular_velocity": Trust.SUSPECT}
         health = tuple(
             ChannelHealth(channel=name, trust=bad.get(name, Trust.GOOD)) for name in CHANNELS
         )
@@ -118,10 +127,12 @@ def test_what_babble_feeds_meets_every_branch(scenario: Scenario) -> None:
         command = control.command(tick)
         less = tick.restriction
         met |= {
-            name for name in ("no_descent", "joints_held", "hold", "blind") if getattr(less, name)
+            name
+            for name in ("no_descent", "joints_held", "hold", "blind", "attitude_open")
+            if getattr(less, name)
         }
         met |= {name for name, so in (("slow", less.speed < 1.0), ("held", command.hold)) if so}
-    assert {"no_descent", "joints_held", "hold", "slow", "held"} <= met
+    assert {"no_descent", "joints_held", "hold", "attitude_open", "slow", "held"} <= met
 
 
 def test_a_channel_that_is_good_again_holds_nothing_back_and_is_told_no_longer(

@@ -244,6 +244,7 @@ def test_every_mode_says_what_is_still_known_and_losing_more_never_allows_more()
             restriction.joints_held,
             restriction.hold,
             restriction.blind,
+            restriction.attitude_open,
             not restriction.can_ascend,
             bool(restriction.abort),
         )

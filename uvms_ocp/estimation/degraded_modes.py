@@ -27,7 +27,8 @@ CHANNELS = tuple(Readings.__dataclass_fields__)
 """Channels in the order of a `RestrictionMemory`."""
 
 _N_CHANNELS = len(CHANNELS)
-_FLAGS = ("no_descent", "joints_held", "hold", "blind", "can_ascend")
+_ATTITUDE = CHANNELS.index("attitude")
+_FLAGS = ("no_descent", "joints_held", "hold", "blind", "attitude_open", "can_ascend")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,6 +47,10 @@ class ModeLimits:
     """The robot comes to rest; the mission waits."""
     blind: bool = False
     """Without feedback of the vehicle's velocity."""
+    attitude_open: bool = False
+    """The attitude may be off by any angle: the vehicle is taken for level, its turns are damped
+    alone, and the rest is left to its righting moment.
+    """
     feedback: float = 1.0
     """More than 0; share of the usual bandwidth of the velocity loop: a late velocity allows
     less.
@@ -131,8 +136,10 @@ class RestrictionMemory(Layout):
     """(n_modes,) share of the usual bandwidth of the joints' velocity loops in each mode."""
     max_duration: Annotated[Vector, Sized(_N_MODES)]
     """(n_modes,) [s] time in a mode after which the mission is given up."""
-    flags: Annotated[list[list[int]], Sized(_N_MODES, 5)]
-    """(n_modes, 5) consequences of each mode: no descent, joints held, hold, blind, climbs."""
+    flags: Annotated[list[list[int]], Sized(_N_MODES, len(_FLAGS))]
+    """(n_modes, 6) consequences of each mode: no descent, joints held, hold, blind, attitude open,
+    climbs.
+    """
     of_altitude: Annotated[list[int], Sized(_N_MODES)]
     """(n_modes,) 1 for modes without the altimeter alone."""
 
@@ -149,6 +156,7 @@ class RestrictionMemory(Layout):
     joints_held: bool
     hold: bool
     blind: bool
+    attitude_open: bool
     can_ascend: bool
     any_bad: bool
     """Some channel is not good."""
@@ -161,7 +169,12 @@ class RestrictionMemory(Layout):
 
 
 def restrict(restriction: RestrictionMemory, t: float, altitude_matters: bool) -> None:
-    """Combine all modes that apply at t [s] to the channels in the memory. A kernel."""
+    """Combine all modes that apply at t [s] to the channels in the memory. A kernel.
+
+    An attitude that was open is so until it is good again: what it was believed to be meanwhile may
+    be any.
+    """
+    was_open = restriction.attitude_open
     _nothing(restriction)
     for c in range(len(restriction.level)):
         restriction.at_fault[c] = False
@@ -170,14 +183,17 @@ def restrict(restriction: RestrictionMemory, t: float, altitude_matters: bool) -
     for k in range(len(restriction.trust)):
         if restriction.any_bad and _applies(restriction, k):
             _apply(restriction, k, t, altitude_matters)
+    if was_open and restriction.level[_ATTITUDE] != Trust.GOOD:
+        restriction.attitude_open = True
+        restriction.hold = True
 
 
 def _nothing(restriction: RestrictionMemory) -> None:
     restriction.speed = restriction.feedback = restriction.joint_feedback = 1.0
     restriction.can_ascend = True
     restriction.no_descent = restriction.joints_held = restriction.hold = restriction.blind = (
-        restriction.ended
-    ) = restriction.any_bad = restriction.any_lost = False
+        restriction.attitude_open
+    ) = restriction.ended = restriction.any_bad = restriction.any_lost = False
 
 
 def _applies(restriction: RestrictionMemory, k: int) -> bool:
@@ -199,7 +215,8 @@ def _apply(restriction: RestrictionMemory, k: int, t: float, altitude_matters: b
     restriction.joints_held = restriction.joints_held or flags[1] != 0
     restriction.hold = restriction.hold or flags[2] != 0
     restriction.blind = restriction.blind or flags[3] != 0
-    restriction.can_ascend = restriction.can_ascend and flags[4] != 0
+    restriction.attitude_open = restriction.attitude_open or flags[4] != 0
+    restriction.can_ascend = restriction.can_ascend and flags[5] != 0
     for c in range(len(restriction.level)):
         if needs[c] != 0:
             since = max(since, restriction.since[c])
@@ -258,6 +275,7 @@ def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) ->
         joints_held=bool(memory.joints_held),
         hold=bool(memory.hold),
         blind=bool(memory.blind),
+        attitude_open=bool(memory.attitude_open),
         can_ascend=bool(memory.can_ascend),
         abort=describe_channels(at_fault),
         bad=tuple(bad),

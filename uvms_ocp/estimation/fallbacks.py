@@ -183,6 +183,21 @@ def hold_last_valid(
     last_valid.joint_age = max(joint_age, last_valid.was[1] + t - last_valid.since)
 
 
+def level_attitude(q: Vector) -> None:
+    """Replace the attitude of a vehicle, the quaternion at entries 3 to 6 of q, by a level one of the
+    same heading; of one upside down by heading 0. A kernel.
+    """
+    norm = math.sqrt(q[5] * q[5] + q[6] * q[6])
+    q[3] = 0.0
+    q[4] = 0.0
+    if norm > _LEVEL:
+        q[5] /= norm
+        q[6] /= norm
+    else:
+        q[5] = 0.0
+        q[6] = 1.0
+
+
 def _is_sound(last_valid: LastValidMemory, q: Vector, v: Vector) -> bool:
     """Check that all numbers are finite, and that what should have norm 1 does."""
     sound = True

@@ -139,7 +139,14 @@ class DynamicController(TableDisplay):
         bounds = tick.restriction
         share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
         feedback = (share * bounds.feedback, bounds.joint_feedback)
-        self._tick.give(sound.q, sound.v, command, feedback, turning=tick.damps_turns)
+        self._tick.give(
+            sound.q,
+            sound.v,
+            command,
+            feedback,
+            turning=tick.damps_turns,
+            attitude_open=bounds.attitude_open,
+        )
         encoders_trusted = not bounds.distrusted or bounds.distrusted.isdisjoint(_JOINT_CHANNELS)
         joint_rates_lost = any(item.channel == JOINT_RATES for item in bounds.lost)
         outputs = self._ticked(sound, tick.t, encoders_trusted, joint_rates_lost)

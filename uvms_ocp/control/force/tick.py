@@ -34,6 +34,7 @@ from uvms_ocp.control.velocity.tick import damps_turns, is_blind, is_stopped
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS, JOINT_RATES
+from uvms_ocp.estimation.fallbacks import level_attitude
 from uvms_ocp.robot.signals import Command, Trust
 
 _ENCODER_SILENCE = (
@@ -75,6 +76,10 @@ class ForceMemory(Layout):
     inputs: tick_functions.ForceInputs
     brakes: bool
     """Joints are to be locked."""
+    attitude_open: bool
+    """The attitude may be off by any angle: forces are those of a level vehicle, whose turns are damped
+    alone.
+    """
     joint_age: float
     """[s] age of the encoder readings."""
     encoders_trusted: bool
@@ -129,6 +134,8 @@ def force_step(force: ForceMemory) -> bool:
     On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity
     would accelerate the robot without end.
     """
+    if force.attitude_open:
+        level_attitude(force.inputs.q)
     force.inputs.feedback[0] = min(force.inputs.feedback[0], force.bandwidth_share)
     if force.measures_joint_rates and not force.joint_rates_lost:
         # Whatever is wrong with positions, the rates that are fed back are in time.
@@ -159,6 +166,8 @@ def force_step(force: ForceMemory) -> bool:
         force.observe(force.inputs, force.effectiveness, force.transferred, force.observed)
     else:
         force.observe(force.inputs, force.effectiveness, force.state, force.observed)
+    if force.attitude_open:
+        _leave_turns(force)
     force.detection.changed = False
     if force.watched:
         _detect_faults(force)
@@ -206,6 +215,16 @@ def apply_detected_effectiveness(force: ForceMemory) -> None:
             force.observed.integral[k] = 0.0
             force.observed.before[k] = 0.0
             force.inputs.reference[k] = 0.0
+
+
+def _leave_turns(force: ForceMemory) -> None:
+    """Learn nothing about turns, and find no faults by them: what holds a vehicle in an attitude that
+    is wrong turns it over.
+    """
+    for k in range(min(3, force.detection.n_vehicle), force.detection.n_vehicle):
+        force.observed.estimate[k] = force.state.estimate[k]
+        force.observed.integral[k] = 0.0
+    force.observed.watch[0] = float(tick_functions.MonitorStep.PAUSED)
 
 
 def _carry_locked(force: ForceMemory) -> None:
@@ -297,6 +316,7 @@ def ask_forces(tick: TickMemory, force: ForceMemory) -> None:
     force.inputs.turning[0] = 1.0 if damps_turns(tick) else 0.0
     force.inputs.stop[0] = 1.0 if is_stopped(tick) else 0.0
     force.brakes = less.joints_held
+    force.attitude_open = less.attitude_open
     force.t = tick.t
     force.joint_age = tick.joint_age
     force.encoders_trusted = (
@@ -358,12 +378,14 @@ class ForceTick:
         feedback: tuple[float, float],
         *,
         turning: bool = False,
+        attitude_open: bool = False,
     ) -> None:
         """Set the inputs: q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as estimated, and the command
         of velocities.
 
         feedback: shares of their bandwidth that the loops of the vehicle and of the joints come to.
-        turning: the angular velocity is to be trusted though the linear one is not.
+        turning: the angular velocity is to be trusted though the linear one is not. attitude_open:
+        the attitude may be off by any angle.
         """
         inputs = self.inputs
         inputs.q[:] = q
@@ -375,6 +397,7 @@ class ForceTick:
         flags.turning[0] = turning
         flags.stop[0] = command.stop
         self.memory.brakes = command.brakes
+        self.memory.attitude_open = attitude_open
 
     def step(
         self,

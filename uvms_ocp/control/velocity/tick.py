@@ -23,6 +23,7 @@ from uvms_ocp.estimation.fallbacks import (
     freshness_of,
     hold_last_valid,
     is_under_way,
+    level_attitude,
     point_altimeter,
 )
 from uvms_ocp.mission import progress
@@ -66,11 +67,13 @@ def prepare_tick(tick: TickMemory) -> None:
     hold_last_valid(tick.sound, tick.t, tick.q, tick.v, tick.age, tick.joint_age)
     tick.age = tick.sound.age
     tick.joint_age = tick.sound.joint_age
+    _begin(tick)
+    restrict(tick.restriction, tick.t, tick.altitude_matters)
+    if tick.restriction.attitude_open:
+        level_attitude(tick.q)
     _follow_swing(tick)
     point_altimeter(tick.beam, tick.q)
-    _begin(tick)
     load_goals(tick.goals, tick.mission, tick.ascent, tick.t)
-    restrict(tick.restriction, tick.t, tick.altitude_matters)
     doubts_altimeter = _doubts_altimeter(tick)
     lowest = 0.0
     has_altitude_task = False
@@ -102,14 +105,19 @@ def prepare_tick(tick: TickMemory) -> None:
     if tick.awaits_first and is_under_way(tick.t - tick.mission.began, tick.stop_after):
         # Weight and buoyancy are carried meanwhile, or the vehicle would fall.
         tick.freshness = int(Freshness.STALE)
-    tick.holds = (
-        is_blind(tick)
-        or tick.restriction.hold
-        or (tick.restriction.ended and not tick.distress.aborts)
-    )
+    tick.holds = is_blind(tick) or _waits(tick)
     for i in range(len(tick.previous)):
         tick.previous[i] = tick.command[i] / tick.pace
     _measure_distances(tick)
+
+
+def _waits(tick: TickMemory) -> bool:
+    """Return whether channels that are not good keep the robot where it is; a mission that cannot go
+    on for them climbs where it can.
+    """
+    if tick.restriction.ended and tick.distress.aborts and tick.restriction.can_ascend:
+        return False
+    return tick.restriction.hold or tick.restriction.ended
 
 
 def _follow_swing(tick: TickMemory) -> None:

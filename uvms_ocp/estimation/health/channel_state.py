@@ -206,6 +206,8 @@ class HealthMemory(Layout):
     rate: redundancy.RateAgainstAttitude
     depth: redundancy.DepthAgainstPosition
     heights: redundancy.HeightPairs
+    turns_disputed: bool
+    """Attitude and gyro were doubted together, and the attitude is not good yet."""
     culprit: int
     """`ChannelIndex` of the channel by which the height is wrong, -1 for none."""
     blamed_at: float
@@ -390,6 +392,32 @@ def is_attitude_doubted(health: HealthMemory) -> bool:
     """
     attitude = health.channels[ChannelIndex.ATTITUDE]
     return attitude.present and health.t - attitude.doubted_at <= health.clean
+
+
+def update_turn_dispute(health: HealthMemory) -> None:
+    """Note whether attitude and gyro are doubted together, until the attitude is good again."""
+    attitude = health.channels[ChannelIndex.ATTITUDE]
+    gyro = health.channels[ChannelIndex.ANGULAR_VELOCITY]
+    if not (attitude.present and gyro.present) or attitude.trust == Trust.GOOD:
+        health.turns_disputed = False
+    elif gyro.trust != Trust.GOOD:
+        health.turns_disputed = True
+
+
+def keep_undisputed_turns(health: HealthMemory, v: Vector) -> None:
+    """Reduce the angular velocity, entries 3 to 5 of the estimated v [rad/s], to what the newest
+    reading of the gyro vouches for as well, where attitude and gyro are in dispute.
+
+    Of each axis the smaller one where both have one sign, and 0 where not: whichever of the two is
+    right, feedback of it does not drive a turn.
+    """
+    gyro = health.channels[ChannelIndex.ANGULAR_VELOCITY]
+    for i in range(3):
+        rate = gyro.value[i]
+        if not math.isfinite(rate) or rate * v[3 + i] <= 0.0:
+            v[3 + i] = 0.0
+        elif abs(rate) < abs(v[3 + i]):
+            v[3 + i] = rate
 
 
 def is_turned_by_attitude(number: int) -> bool:

@@ -12,9 +12,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from uvms_ocp.checks import checked_constructor, replace_unchecked
+from uvms_ocp.codegen.kernel_layout import doubles
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health import monitor as health_monitor
+from uvms_ocp.estimation.health.channel_state import keep_undisputed_turns
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value, rows_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import (
@@ -163,6 +165,10 @@ class GuardedEstimator(TableDisplay):
     ) -> StateEstimate:
         """Make the measurement, with the age of what supports the estimate."""
         support = self.support
+        if self.monitor.memory.turns_disputed:
+            undisputed = doubles(v)
+            keep_undisputed_turns(self.monitor.memory, undisputed)
+            v = np.array(undisputed)
         oldest = support.oldest
         return unchecked_estimate(
             q=q,

@@ -306,6 +306,9 @@ def judge(health: channel_state.HealthMemory, t: float, is_estimated: bool) -> i
     for k in range(health.n):
         if channel_state.update_trust(health, health.channels[health.order[k]]):
             n += 1
+    channel_state.update_turn_dispute(health)
+    if health.turns_disputed:
+        channel_state.keep_undisputed_turns(health, health.now.v)
     return n
 
 

@@ -20,6 +20,7 @@ from uvms_ocp.estimation.health.channel_state import (
     culprit_of_height,
     exclude,
     is_attitude_doubted,
+    is_turned_by_attitude,
     is_vouched_for,
     suspect,
     undoes_jump,
@@ -116,7 +117,7 @@ def _agrees(
     why: Complaint,
 ) -> bool:
     gate = channel.gate
-    carried = _is_good(health, gate.by) or _is_good(health, gate.or_by)
+    carried = _carries(health, gate.by) or _carries(health, gate.or_by)
     rate = gate.supported if carried else gate.alone
     if math.isnan(channel.taken):
         growth = 0.0
@@ -228,6 +229,15 @@ def is_persistent(channel: ChannelMemory) -> bool:
     them.
     """
     return channel.number == ChannelIndex.LINEAR_VELOCITY and channel.off_in_a_row >= _STUBBORN
+
+
+def _carries(health: HealthMemory, channel: int) -> bool:
+    """Return whether a channel is good, and carries an estimate in W by an attitude that is not in
+    dispute.
+    """
+    if health.turns_disputed and is_turned_by_attitude(channel):
+        return False
+    return _is_good(health, channel)
 
 
 def _is_good(health: HealthMemory, channel: int) -> bool:
@@ -395,6 +405,8 @@ def _note_turned_ways(health: HealthMemory, drift: float) -> None:
     """
     if drift > 0.0:
         health.ways_turned = True
+        # Of an attitude that may be any the fixes are right, and what the DVL made of it is not.
+        health.exposed = health.exposed or health.turns_disputed
 
 
 def _blame_quick_drift(
