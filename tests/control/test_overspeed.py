@@ -236,3 +236,36 @@ def test_a_quick_loop_catches_an_arm_whose_posture_is_sound(doubted: bool) -> No
         fast = [0.0, rate, 0.0]
         locks.append(locks_at_overspeed(memory, FIRST, fast, [0.0] * 3, doubted, 0.005 * k))
     assert any(locks) == doubted
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.01, 0.05])
+@pytest.mark.parametrize(("size", "half_swing"), [(0.17, 0.05), (0.2, 0.15), (0.24, 0.1)])
+def test_a_joint_that_a_loop_shakes_is_locked_by_quick_loops_too(
+    size: float, half_swing: float, dt: float
+) -> None:
+    """An encoder that had drifted by a radian had a loop of 100 Hz shake an arm at 2.1 times its limit
+    for as long as it drifted.
+    """
+    memory = guard()
+    locked = list[float]()
+    for k in range(round(1.0 / dt)):
+        t = k * dt
+        rate = size * LIMIT * (1.0 if int(t / half_swing + 1e-6) % 2 else -1.0)
+        v = [0.0, 0.0, 0.1 * LIMIT + rate]
+        if locks_at_overspeed(memory, FIRST, v, [0.0, 0.0, 0.1 * LIMIT], False, t):
+            locked.append(t)
+            if memory.joint >= 0:
+                assert memory.joint == 1
+                assert memory.shaking
+                assert memory.lock == 0.5
+    assert locked[0] <= 3.0 * half_swing + dt
+
+
+@pytest.mark.parametrize(("size", "half_swing"), [(0.1, 0.05), (0.6, 0.3)])
+def test_noise_and_slow_swings_are_no_shaking(size: float, half_swing: float) -> None:
+    memory = guard()
+    locks_at_overspeed(memory, FIRST, [0.0] * 3, [0.0] * 3, False, -0.01)
+    for k in range(500):
+        t = 0.01 * k
+        rate = size * LIMIT * (1.0 if int(t / half_swing + 1e-6) % 2 else -1.0)
+        assert not locks_at_overspeed(memory, FIRST, [0.0, rate, 0.0], [0.0] * 3, False, t)

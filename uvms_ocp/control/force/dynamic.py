@@ -182,7 +182,10 @@ class DynamicController(TableDisplay):
         if joint >= 0:
             lock = self.memory.overspeed.lock
             name = self._robot.joint_names[joint]
-            alarm = f"{name} about to be faster than it may, unasked: brakes locked for {lock:g} s at least"
+            what = "about to be faster than it may, unasked"
+            if self.memory.overspeed.shaking:
+                what = "shakes unasked"
+            alarm = f"{name} {what}: brakes locked for {lock:g} s at least"
             self.kinematic.watchdog.alarms.append((t, alarm))
         moving = self.memory.overspeed.moving
         if moving >= 0:

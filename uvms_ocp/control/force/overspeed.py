@@ -2,6 +2,9 @@
 whose weight is made up for in another posture than its own, or without its load, falls, however it is
 fed back.
 
+So does a loop that shakes an arm to and fro, as one of a posture that is far from the true one may:
+it is locked at any rate of the loop.
+
 An encoder that drifts slowly enough takes its joint along and is doubted by nobody, so that it is
 not asked whether one is, but where the loop is quick enough to catch an arm and to learn its load.
 A lock lasts as long as one is, or as the vehicle is carried off: it would throw the arm. So it does
@@ -27,6 +30,11 @@ _LONGER = 64.0  # times the lock before it is the lock of a joint that falls aga
 _SETTLED = 0.1  # [s] after which, and the dead time of the rates, a locked joint is seen to rest
 _AVERAGED = 0.15  # [s] time constant of the mean rate of a locked joint
 _COUNTS = 2.0 * _AVERAGED  # [s] after which that mean counts
+_SHAKES = (
+    3  # times in a row that a joint is off to the other side, by which a loop is known to swing
+)
+_SWING = 0.15  # share of the limit by which a joint is off then
+_HALF_SWING = 0.15  # [s] from one side to the other at most
 _MOVES = 0.05  # share of its limit that the mean rate of a joint is beyond that moves
 
 
@@ -64,6 +72,15 @@ class OverspeedMemory(Layout):
     lock: float
     """[s] shortest duration of the last lock; 0 before the first one since the posture was sound.
     """
+    side: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) side, 1 or -1, to which each joint was off what is asked for the last time; 0 before.
+    """
+    side_t: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [s] when it came to that side."""
+    sides: Annotated[list[int], Sized("n_joints")]
+    """(n_joints,) times in a row that it was off to the other side soon."""
+    shaking: bool
+    """True where the joint that locked the brakes was shaken."""
     thrown: bool
     """True where the joint came to its limit within one tick: let go, it would do so again before
     the brakes can act.
@@ -93,12 +110,18 @@ def locks_at_overspeed(
     """
     if doubted:
         overspeed.doubted_until = t + _DOUBTFUL
-    overspeed.joint = _fastest_unasked(overspeed, first, v, reference)
+    overspeed.joint = _fastest_unasked(overspeed, first, v, reference, t)
+    shaken = _most_shaken(overspeed)
+    overspeed.shaking = shaken >= 0
+    if overspeed.shaking:
+        overspeed.joint = shaken
+        overspeed.thrown = False
     overspeed.moving = -1
     period = t - overspeed.before_t
     catches_none = period >= _SLOW_TICK - SAME_TIME
     overspeed.before_t = t
     if t < overspeed.locked_until - SAME_TIME:
+        _forget_swings(overspeed)
         moves = _moves_though_locked(overspeed, first, v, period, t)
         if moves or doubted or _is_carried_off(overspeed, first, v, reference):
             overspeed.locked_until = max(overspeed.locked_until, t + _SHORTEST_LOCK)
@@ -108,7 +131,7 @@ def locks_at_overspeed(
     if t > overspeed.doubted_until + SAME_TIME:
         overspeed.lock = 0.0
     is_doubtful = doubted or t <= overspeed.doubted_until + SAME_TIME
-    if overspeed.joint < 0 or not (is_doubtful or catches_none):
+    if overspeed.joint < 0 or not (is_doubtful or catches_none or overspeed.shaking):
         overspeed.joint = -1
         return False
     shortest = _SHORTEST_LOCK + overspeed.late
@@ -173,8 +196,10 @@ def _fastest_locked(overspeed: OverspeedMemory) -> int:
     return fastest
 
 
-def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector) -> int:
-    """Return the joint that is about to be the farthest beyond its limit, -1 for none."""
+def _fastest_unasked(
+    overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector, t: float
+) -> int:
+    """Return the joint that is about to be the farthest beyond its limit at time t [s]; -1 for none."""
     joint = -1
     largest_excess = 0.0
     for j in range(overspeed.count):
@@ -184,7 +209,10 @@ def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, referenc
         excess = max(abs(rate), abs(expected)) - overspeed.limit[j]
         overspeed.before[j] = rate
         asked = reference[first + j]
-        is_unasked = _deviation(overspeed, j, rate, asked) > _UNASKED * overspeed.limit[j]
+        deviation = _deviation(overspeed, j, rate, asked)
+        is_unasked = abs(deviation) > _UNASKED * overspeed.limit[j]
+        if abs(deviation) > _SWING * overspeed.limit[j]:
+            _note_side(overspeed, j, 1.0 if deviation > 0.0 else -1.0, t)
         overspeed.asked_earlier[j] = overspeed.asked[j]
         overspeed.asked[j] = asked
         if is_unasked and excess > largest_excess:
@@ -195,7 +223,8 @@ def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, referenc
 
 
 def _deviation(overspeed: OverspeedMemory, j: int, rate: float, asked: float) -> float:
-    """Return how far [rad/s or m/s] the rate of a joint is from all that was asked of it of late.
+    """Return how far [rad/s or m/s] the rate of a joint is beyond all that was asked of it of late, to
+    either side.
 
     It shows up to two ticks after it was asked for, by which time the opposite may be asked for: a
     tick until it is in force, and one until its rate is read. What sensors are late by, of quick loops
@@ -203,4 +232,34 @@ def _deviation(overspeed: OverspeedMemory, j: int, rate: float, asked: float) ->
     """
     lowest = min(asked, overspeed.asked[j], overspeed.asked_earlier[j])
     highest = max(asked, overspeed.asked[j], overspeed.asked_earlier[j])
-    return max(lowest - rate, rate - highest)
+    if rate < lowest:
+        return rate - lowest
+    return max(rate - highest, 0.0)
+
+
+def _note_side(overspeed: OverspeedMemory, j: int, side: float, t: float) -> None:
+    """Count how often joint j has been off to the other side at time t [s], soon after the last time."""
+    if side == overspeed.side[j]:
+        return
+    if t - overspeed.side_t[j] > _HALF_SWING + SAME_TIME:
+        overspeed.sides[j] = 0
+    overspeed.sides[j] += 1
+    overspeed.side[j] = side
+    overspeed.side_t[j] = t
+
+
+def _most_shaken(overspeed: OverspeedMemory) -> int:
+    """Return the joint that has swung to and fro most often, -1 where none has often enough."""
+    joint = -1
+    most = _SHAKES - 1
+    for j in range(overspeed.count):
+        if overspeed.sides[j] > most:
+            most = overspeed.sides[j]
+            joint = j
+    return joint
+
+
+def _forget_swings(overspeed: OverspeedMemory) -> None:
+    """Count swings anew: under brakes readings swing that are wrong."""
+    for j in range(overspeed.count):
+        overspeed.sides[j] = 0
