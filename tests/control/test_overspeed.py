@@ -269,3 +269,15 @@ def test_noise_and_slow_swings_are_no_shaking(size: float, half_swing: float) ->
         t = 0.01 * k
         rate = size * LIMIT * (1.0 if int(t / half_swing + 1e-6) % 2 else -1.0)
         assert not locks_at_overspeed(memory, FIRST, [0.0, rate, 0.0], [0.0] * 3, False, t)
+
+
+def test_a_quick_loop_that_does_not_catch_an_arm_soon_locks_it() -> None:
+    """A load of 1.2 kg that nobody knew of threw an arm about at 19 times its limit, at 60 Hz."""
+    memory = guard()
+    for k in range(200):
+        rate = LIMIT * min(2.0, max(0.0, 0.1 * (k - 100)))
+        fast = [0.0, rate, 0.0]
+        if locks_at_overspeed(memory, FIRST, fast, [0.0] * 3, False, 0.01 * k):
+            break
+    assert 1.2 * LIMIT <= rate <= 1.35 * LIMIT
+    assert memory.joint == 0

@@ -35,11 +35,18 @@ from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS, JOINT_RATES
 from uvms_ocp.estimation.fallbacks import level_attitude
-from uvms_ocp.robot.signals import Command, Trust
+from uvms_ocp.robot.signals import SAME_TIME, Command, Trust
 
 _ENCODER_SILENCE = (
     0.1  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
 )
+
+_WEIGHING = 2.0  # [s] after a fall in which the observer of the vehicle comes to what brakes hold
+_AGAIN = (
+    10.0  # [s] after a load was weighed in which an arm that falls all the same is not let go early
+)
+_EXPLAINED = 0.7  # share of what the vehicle bears that a load has to explain
+_SIZEABLE = 0.02  # share of the effort of a joint by which a load is more than what is known
 
 _POSITIONS = CHANNELS.index(ENCODERS)
 _RATES = CHANNELS.index(JOINT_RATES)
@@ -49,9 +56,10 @@ class ForceMemory(Layout):
     """Memory of a tick: functions, inputs, state and outputs."""
 
     carry: FunctionField
-    """Functions of a tick, in their order: `carry_function`, `transfer_function`, `observe_function`,
-    `control_function` and `command_function` make them.
+    """Functions of a tick, in their order: `carry_function`, `weigh_function`, `transfer_function`,
+    `observe_function`, `control_function` and `command_function` make them.
     """
+    weigh: FunctionField
     transfer: FunctionField
     observe: FunctionField
     control: FunctionField
@@ -68,6 +76,8 @@ class ForceMemory(Layout):
     """[s] delay of the encoders that is known."""
     n_joint_q: int
     """Entries of q that are of joints."""
+    joint_efforts: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [N m or N] largest efforts of the motors."""
     measures_joint_rates: bool
     """Sensors of their own tell the joints' rates."""
     # inputs of a tick; of `inputs` all but `joints`, which the tick finds
@@ -93,6 +103,12 @@ class ForceMemory(Layout):
     detection: FaultDetection
     overspeed: OverspeedMemory
     allocation: thrust_allocation.AllocationMemory
+    fallen: int
+    """Joint that fell until brakes locked it, whose load is not weighed yet; -1 for none."""
+    fell_upwards: bool
+    """True where it fell towards positive positions."""
+    weighed_t: float
+    """[s] time of the last load that was weighed."""
     locked: bool
     """Brakes have locked joints whose posture was known in the tick before."""
     # found
@@ -100,6 +116,10 @@ class ForceMemory(Layout):
     """(n_v,) [N, N m] disturbance with which locked joints go on to be held."""
     beyond: Annotated[Vector, Sized("n_v")]
     """(n_v,) [N, N m] what it would be more without its limit."""
+    weighed: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [N, N m] disturbance with a load that the vehicle bears."""
+    explained: Annotated[Vector, Sized(1)]
+    """(1,) share of what the vehicle bears that it explains."""
     transferred: tick_functions.ForceState
     """State at another share of the bandwidth, in a tick that changes it."""
     observed: tick_functions.ForceState
@@ -125,6 +145,8 @@ def begin_force(force: ForceMemory) -> None:
         force.detection.effectiveness.share[i] = 1.0
     apply_detected_effectiveness(force)
     start_overspeed(force.overspeed)
+    force.fallen = -1
+    force.weighed_t = -math.inf
 
 
 def force_step(force: ForceMemory) -> bool:
@@ -143,6 +165,8 @@ def force_step(force: ForceMemory) -> bool:
     force.inputs.joint_feedback[0] = min(
         force.inputs.joint_feedback[0], force.joint_bandwidth_share
     )
+    if force.fallen >= 0:
+        _weigh_load(force)
     too_fast = locks_at_overspeed(
         force.overspeed,
         force.detection.n_vehicle,
@@ -151,6 +175,8 @@ def force_step(force: ForceMemory) -> bool:
         not force.encoders_trusted,
         force.t,
     )
+    if force.overspeed.joint >= 0:
+        _note_fall(force)
     if force.brakes or too_fast or force.joint_age > _ENCODER_SILENCE + force.joints_late:
         force.inputs.joints[0] = 0.0
     else:
@@ -225,6 +251,52 @@ def _leave_turns(force: ForceMemory) -> None:
         force.observed.estimate[k] = force.state.estimate[k]
         force.observed.integral[k] = 0.0
     force.observed.watch[0] = float(tick_functions.MonitorStep.PAUSED)
+
+
+def _note_fall(force: ForceMemory) -> None:
+    """Note which joint fell, unless readings may be wrong or its loop shook it: then it is no load."""
+    force.fallen = -1
+    if force.encoders_trusted and not force.overspeed.shaking:
+        k = force.detection.n_vehicle + force.overspeed.joint
+        force.fallen = force.overspeed.joint
+        force.fell_upwards = force.inputs.v[k] > force.inputs.reference[k]
+
+
+def _weigh_load(force: ForceMemory) -> None:
+    """Once the vehicle bears what brakes hold, take its weight for what made a joint fall, where it
+    explains both: an arm that brakes let go would fall again by a load that nobody knows of.
+
+    One that fell again soon stays locked for as long as it is to be; its load is weighed at the end.
+    """
+    overspeed = force.overspeed
+    is_over = force.t >= overspeed.locked_until - SAME_TIME
+    is_steady = force.t >= overspeed.locked_at + _WEIGHING - SAME_TIME
+    if not force.encoders_trusted or overspeed.moved:
+        force.fallen = -1
+    is_due = is_over or (is_steady and force.t > force.weighed_t + _AGAIN)
+    if force.fallen < 0 or not is_due:
+        return
+    force.weigh(force.inputs, force.state, force.weighed, force.explained)
+    if not _explains_fall(force):
+        if is_steady:
+            force.fallen = -1
+    elif not is_steady:
+        overspeed.locked_until = overspeed.locked_at + _WEIGHING
+    else:
+        for k in range(force.detection.n_vehicle, len(force.weighed)):
+            force.state.estimate[k] = force.weighed[k]
+            force.state.beyond[k] = 0.0
+        overspeed.locked_until = force.t
+        force.weighed_t = force.t
+        force.fallen = -1
+
+
+def _explains_fall(force: ForceMemory) -> bool:
+    """Return whether a load explains what the vehicle bears, and that the joint fell as it did."""
+    k = force.detection.n_vehicle + force.fallen
+    more = force.weighed[k] - force.state.estimate[k]
+    is_sizeable = abs(more) > _SIZEABLE * force.joint_efforts[force.fallen]
+    return force.explained[0] > _EXPLAINED and is_sizeable and (more > 0.0) == force.fell_upwards
 
 
 def _carry_locked(force: ForceMemory) -> None:
@@ -463,6 +535,8 @@ class ForceTick:
         memory.detection.n_vehicle = robot.n_vehicle
         memory.detection.joints.count = robot.n_joints
         memory.n_joint_q = robot.n_q - robot.joint_q.start
+        efforts = robot.limits.effort.tolist()
+        memory.joint_efforts[: robot.n_joints] = efforts
         memory.overspeed.count = robot.n_joints
         memory.overspeed.late = derating.joints_late
         joint_limits = robot.limits.velocity[robot.joint_v].tolist()
@@ -499,6 +573,7 @@ def _sizes(laws: tick_functions.ForceLaws) -> dict[str, Any]:
         **thrust_allocation.allocation_sizes(len(laws.robot.description.thrusters)),
         **laws.sizes,
         "carry": tick_functions.with_gains(tick_functions.carry_function, laws),
+        "weigh": tick_functions.with_gains(tick_functions.weigh_function, laws),
         "transfer": tick_functions.with_gains(tick_functions.transfer_function, laws),
         "observe": tick_functions.with_gains(tick_functions.observe_function, laws),
         "control": tick_functions.with_gains(tick_functions.control_function, laws),

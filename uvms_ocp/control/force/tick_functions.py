@@ -1,9 +1,9 @@
-"""Smooth parts of a tick of the force layer: five CasADi functions on columns of numbers.
+"""Smooth parts of a tick of the force layer: six CasADi functions on columns of numbers.
 
-`transfer_function` changes the bandwidth, `carry_function` what is borne at rest, `observe_function` finds the disturbance,
-`control_function` the force for the reference, and `command_function` the commands of thrusters and
-motors, with the allocation of thrust before it. The state of a tick goes in and comes out; nothing
-else is remembered.
+`transfer_function` changes the bandwidth, `carry_function` what is borne at rest, `weigh_function`
+finds a load, `observe_function` the disturbance, `control_function` the force for the reference, and
+`command_function` the commands of thrusters and motors, with the allocation of thrust before it. The
+state of a tick goes in and comes out; nothing else is remembered.
 """
 
 from __future__ import annotations
@@ -27,8 +27,10 @@ from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
+from uvms_ocp.control.payload import load_force
 from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix, thrusters
 from uvms_ocp.robot.electrical_power import electrical_power, joint_power, power_law
+from uvms_ocp.robot.size import size as size_of
 
 Parts = TypeVar("Parts", bound=Layout)
 
@@ -36,6 +38,7 @@ _EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes
 # share, of the bandwidth that the sensors allow, that the observer needs for its findings to be
 # judged
 _FULL = 0.95
+_NO_FORCE = 1e-12  # [N2] nothing is divided by less
 
 
 class MonitorStep(IntEnum):
@@ -296,6 +299,52 @@ def carry_function(laws: ForceLaws) -> ca.Function:
         beyond = _by_part(laws, ca.SX(0.0), unlimited - carried)
     outputs = [ca.densify(estimate), ca.densify(beyond)]
     return ca.Function("carry", list(x.values()), ca.cse(outputs), list(x), ["estimate", "beyond"])
+
+
+def weigh_function(laws: ForceLaws) -> ca.Function:
+    """Make ``inputs, state -> weighed, explained``: the disturbance that a load at one of the tools makes
+    of joints, by its weight that the vehicle bears, and the share of what the vehicle bears that it
+    explains.
+
+    A weight w at a tool is a generalized force ``w J.T down``. Its part on the vehicle is fitted to the
+    observed disturbance along the vertical and about horizontal axes, in N and N m over the size of the
+    robot: currents push sideways. Of several tools the one is taken that explains most. Joints that do not
+    carry it keep their disturbance; without a vehicle, or a tool, nothing is explained.
+    """
+    x, (inputs, state) = _symbols(laws, inputs=ForceInputs, state=ForceState)
+    weighed, explained = state.estimate, ca.SX(0.0)
+    n = laws.robot.n_vehicle
+    if laws.observer is not None and n and laws.robot.n_joints:
+        body = laws.velocity.dynamics
+        up = _up(inputs.q)
+        scale = ca.DM(np.repeat([1.0, 1.0 / size_of(laws.robot.model)], 3))
+        borne = scale * _by_weight(up, state.estimate[:n], laws.observer.limit[:n])
+        for tool in laws.robot.tools:
+            force = load_force(body, inputs.q, ca.SX(3, 1), tool)[:, 0]
+            pattern = scale * _by_weight(up, ca.densify(force[:n]), laws.observer.limit[:n])
+            weight = ca.dot(pattern, borne) / (ca.dot(pattern, pattern) + _NO_FORCE)
+            residual = borne - weight * pattern
+            share = 1.0 - ca.sumsqr(residual) / (ca.sumsqr(borne) + _NO_FORCE)
+            is_better = share > explained
+            by_tool = limited(weight * ca.densify(force), laws.observer.limit)
+            for k in range(n, laws.robot.n_v):
+                if force[k].nnz():
+                    weighed[k] = ca.if_else(is_better, by_tool[k], weighed[k])
+            explained = ca.fmax(share, explained)
+    outputs = [ca.densify(weighed), ca.densify(explained)]
+    return ca.Function(
+        "weigh", list(x.values()), ca.cse(outputs), list(x), ["weighed", "explained"]
+    )
+
+
+def _by_weight(up: ca.SX, wrench: ca.SX, limit: np.ndarray) -> ca.SX:
+    """Return the parts of a wrench (6,) [N, N m] that weights make: the vertical force, and moments about
+    horizontal axes; 0 along axes that bear none. up (3,): z axis of W in B.
+    """
+    bears = ca.DM((limit > 0.0).astype(float))
+    vertical = up @ (up.T @ wrench[:3])
+    moment = wrench[3:] - up @ (up.T @ wrench[3:])
+    return bears * ca.vertcat(vertical, moment)
 
 
 def observe_function(laws: ForceLaws) -> ca.Function:
