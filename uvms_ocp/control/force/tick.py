@@ -276,19 +276,17 @@ def _weigh_load(force: ForceMemory) -> None:
     is_due = is_over or (is_steady and force.t > force.weighed_t + _AGAIN)
     if force.fallen < 0 or not is_due:
         return
-    force.weigh(force.inputs, force.state, force.weighed, force.explained)
-    if not _explains_fall(force):
-        if is_steady:
-            force.fallen = -1
-    elif not is_steady:
+    if not is_steady:
         overspeed.locked_until = overspeed.locked_at + _WEIGHING
-    else:
+        return
+    force.weigh(force.inputs, force.state, force.weighed, force.explained)
+    if _explains_fall(force):
         for k in range(force.detection.n_vehicle, len(force.weighed)):
             force.state.estimate[k] = force.weighed[k]
             force.state.beyond[k] = 0.0
         overspeed.locked_until = force.t
         force.weighed_t = force.t
-        force.fallen = -1
+    force.fallen = -1
 
 
 def _explains_fall(force: ForceMemory) -> bool:
