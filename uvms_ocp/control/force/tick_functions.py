@@ -323,13 +323,14 @@ def weigh_function(laws: ForceLaws) -> ca.Function:
             force = load_force(body, inputs.q, ca.SX(3, 1), tool)[:, 0]
             pattern = scale * _by_weight(up, ca.densify(force[:n]), laws.observer.limit[:n])
             weight = ca.dot(pattern, borne) / (ca.dot(pattern, pattern) + _NO_FORCE)
-            residual = borne - weight * pattern
-            share = 1.0 - ca.sumsqr(residual) / (ca.sumsqr(borne) + _NO_FORCE)
-            is_better = share > explained
-            by_tool = limited(weight * ca.densify(force), laws.observer.limit)
+            total = ca.sumsqr(borne)
+            share = (total - ca.sumsqr(borne - weight * pattern)) / (total + _NO_FORCE)
+            borne_by_joints = limited(weight * ca.densify(force), laws.observer.limit)
+            by_tool = ca.SX(state.estimate)
             for k in range(n, laws.robot.n_v):
                 if force[k].nnz():
-                    weighed[k] = ca.if_else(is_better, by_tool[k], weighed[k])
+                    by_tool[k] = borne_by_joints[k]
+            weighed = ca.if_else(share > explained, by_tool, weighed)
             explained = ca.fmax(share, explained)
     outputs = [ca.densify(weighed), ca.densify(explained)]
     return ca.Function(
