@@ -4,12 +4,14 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
@@ -17,10 +19,12 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.reading import read_recording
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.record.record import Record
-from uvms_ocp.robot import Command, Reading, Readings, StateEstimate
+from uvms_ocp.robot import Command, Reading, Readings, StateEstimate, load_robot
 from uvms_ocp.robot.signals import robot_sensors
+from uvms_ocp.robot.spatial import continuous_quaternions
 from uvms_ocp.scenario import Scenario, estimate_recording, reach
 from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.scenario.log_expectations import expectations_of_log
 from uvms_ocp.sim import parse_fault
 
 OF_THE_ESTIMATE = (
@@ -182,6 +186,129 @@ def test_a_channel_of_others_that_is_slower_than_the_robot_s_is_not_silent(
     estimate = estimate_recording(Recording(name="dive", channels=channels), robot).record
     alarms = [alarm.text for alarm in estimate.run_meta.alarms]
     assert not [text for text in alarms if text.startswith(name)], alarms
+
+
+def drawn_log(
+    rng: np.random.Generator, rates: Mapping[str, float], slow: Mapping[str, float]
+) -> tuple[Recording, np.ndarray]:
+    """Draw a vehicle that swims and turns for 40 s, and what its sensors read; return its true
+    positions (n, 3) [m] every 5 ms, too.
+
+    rates: [Hz] of the channels. slow: standard deviations [unit of the channel] of errors that change
+    within five seconds, beside the white ones.
+    """
+    t = np.arange(0.0, 40.0, 0.005)
+    size = rng.uniform(0.1, 1.0) * np.array([0.5, 0.4, 0.3, 0.25, 0.2, 0.8])
+    frequency = rng.uniform(0.3, 1.2, size=6)
+    phase = frequency * t[:, None] + rng.uniform(0.0, 6.0, size=6)
+    wave = size * np.sin(phase)
+    change = size * frequency * np.cos(phase)
+    attitude = Rotation.from_euler("ZYX", wave[:, [5, 4, 3]])
+    turning = []
+    for angles, angle_rates in zip(wave, change, strict=True):
+        to_turning = pin.rpy.computeRpyJacobian(angles[3:], pin.LOCAL)
+        turning.append(to_turning @ angle_rates[3:])
+    position = wave[:, :3] + [0.0, 0.0, -5.0]
+    truth = {
+        "position": position,
+        "attitude": attitude.as_quat(),
+        "linear_velocity": attitude.inv().apply(change[:, :3]),
+        "angular_velocity": np.array(turning),
+    }
+    sigmas = {
+        "position": 10 ** rng.uniform(-2.5, -0.5),
+        "attitude": 10 ** rng.uniform(-3.5, -2.0),
+        "linear_velocity": 10 ** rng.uniform(-3.0, -1.0),
+        "angular_velocity": 10 ** rng.uniform(-3.0, -1.5),
+    }
+    channels = {}
+    for name, values in truth.items():
+        stride = round(200.0 / rates[name])
+        n = len(values[::stride])
+        error = sigmas[name] * rng.normal(size=(n, 3))
+        decay = np.exp(-1.0 / (5.0 * rates[name]))
+        drift = np.zeros(3)
+        for k in range(n):
+            kick = slow.get(name, 0.0) * np.sqrt(1.0 - decay**2) * rng.normal(size=3)
+            drift = decay * drift + kick
+            error[k] += drift
+        if name == "attitude":
+            turned = Rotation.from_quat(values[::stride]) * Rotation.from_rotvec(error)
+            read = continuous_quaternions(turned.as_quat())
+        else:
+            read = values[::stride] + error
+        channels[name] = Channel(t=t[::stride], values=read)
+    return Recording(name="dive", channels=channels), position
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_innovations_of_a_log_are_as_expected_whatever_its_sensors(seed: int, rate: float) -> None:
+    """The robot's file says other rates, and other noise, of all of them."""
+    rates = {
+        "position": 4.0,
+        "attitude": rate,
+        "linear_velocity": 5.0,
+        "angular_velocity": rate,
+    }
+    log, position = drawn_log(np.random.default_rng(seed), rates, {})
+    result = estimate_recording(log, load_robot("bluerov2"))
+    for row in result.channels:
+        assert 0.7 < row["ratio"] < 1.4, row
+        assert row["lost_s"] == 0.0, row
+    late = slice(2_000, min(len(result.record), len(position)))
+    error = result.record["q_estimated"][late, :3] - position[late]
+    normalised = error / result.record["q_std"][late, :3]
+    # Errors of a position change slowly: these are few independent ones.
+    assert np.sqrt(np.mean(normalised**2)) < 2.5
+
+
+@pytest.mark.parametrize(
+    "slow",
+    [{"attitude": 0.01}, {"position": 0.2}, {"linear_velocity": 0.03}, {"angular_velocity": 0.02}],
+)
+def test_errors_that_are_not_white_are_found_by_innovations(slow: Mapping[str, float]) -> None:
+    rates = {"position": 5.0, "attitude": 50.0, "linear_velocity": 5.0, "angular_velocity": 50.0}
+    log, _ = drawn_log(np.random.default_rng(5), rates, slow)
+    result = estimate_recording(log, load_robot("bluerov2"))
+    for row in result.channels:
+        assert 0.6 < row["ratio"] < 1.4, row
+        assert row["lost_s"] == 0.0, row
+
+
+def test_of_a_channel_with_few_samples_the_robot_s_file_says_the_noise() -> None:
+    rates = {"position": 1.0, "attitude": 10.0, "linear_velocity": 5.0, "angular_velocity": 10.0}
+    log, _ = drawn_log(np.random.default_rng(0), rates, {})
+    robot = load_robot("bluerov2")
+    sparse = replace(
+        log.channels["position"],
+        t=log.channels["position"].t[::2],
+        values=log.channels["position"].values[::2],
+    )
+    specs = expectations_of_log(
+        replace(log, channels={**log.channels, "position": sparse}),
+        robot,
+        robot_sensors(robot.description),
+        0.005,
+    ).specs
+    position = robot_sensors(robot.description).position
+    assert position is not None
+    assert specs.position == replace(position, rate=0.5, delay=0.0)
+    assert specs.depth is None
+
+
+def test_a_log_is_read_when_it_came_and_expected_as_late_as_its_mapping_says() -> None:
+    rates = {"position": 5.0, "attitude": 50.0, "linear_velocity": 5.0, "angular_velocity": 50.0}
+    log, _ = drawn_log(np.random.default_rng(1), rates, {})
+    position = log.channels["position"]
+    late = replace(position, t=position.t + 0.4, delay=0.4)
+    result = estimate_recording(
+        replace(log, channels={**log.channels, "position": late}), load_robot("bluerov2")
+    )
+    rows = {row["channel"]: row for row in result.channels}
+    assert rows["position"]["delay_s"] == pytest.approx(0.4, abs=0.005)
+    assert 0.7 < rows["position"]["ratio"] < 1.4
+    assert rows["position"]["lost_s"] == 0.0
 
 
 def test_noise_that_is_larger_than_expected_is_proposed() -> None:

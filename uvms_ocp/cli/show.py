@@ -166,7 +166,8 @@ def estimate(
     """Run filter and health monitor over a recording, and say how well each sensor agrees with
     them.
 
-    Of a run the estimate is that of the run, to the last bit. Faults are those of sensors.
+    Of a run the estimate is that of the run, to the last bit; of a log of others, sensors are expected
+    to be as the log shows them. Faults are those of sensors.
 
     \f Raises `InvalidInput` for a recording of others without a robot, and as `estimate_recording`
     does.

@@ -6,44 +6,32 @@ For a run with the sensors of the robot's file, the estimate equals that of the 
 
 from __future__ import annotations
 
-import heapq
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from itertools import repeat
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass
-from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation import estimator, filter_memory
-from uvms_ocp.estimation.health.channel_setup import sizes_of
-from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
 from uvms_ocp.record.meta_values import AlarmMeta
-from uvms_ocp.record.record import Record, require_every_tick
+from uvms_ocp.record.record import Record
 from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.report.summary import sensor_health
 from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
-from uvms_ocp.robot.signals import (
-    CHANNELS,
-    Reading,
-    Readings,
-    robot_sensors,
-    unchecked_reading,
-    unchecked_readings,
+from uvms_ocp.robot.signals import CHANNELS, robot_sensors
+from uvms_ocp.scenario.log_expectations import expectations_of_log
+from uvms_ocp.scenario.recorded_filter import RecordedFilter
+from uvms_ocp.scenario.recorded_readings import (
+    faulty_readings,
+    readings_of_log,
+    readings_of_run,
 )
 from uvms_ocp.scenario.run_metadata import meta_without_mission
-from uvms_ocp.sim import Fault, fault_effects, injected_faults, sensors
+from uvms_ocp.sim import Fault, injected_faults
 from uvms_ocp.types import Period
-
-_Arrivals = Iterator[tuple[int, str, Any, float]]
-"""Readings of a channel in order of arrival: tick, channel, value and when it was taken [s]."""
-_EARLY = 1e-6  # share of a tick by which a reading may come after it and still belong to it
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -85,8 +73,8 @@ def estimate_recording(
 
     recording: record of a run with noisy sensors, whose commands the filter gets too; or a
     recording by other software, without commands, whose newest readings the filter gets at every
-    tick of dt [s]. specs: sensors to expect, by default those of the robot's file, at the rates
-    that a recording by other software has. faults: faults of sensors, applied to the readings.
+    tick of dt [s]. specs: sensors to expect, by default those of the robot's file; of a recording by
+    other software with the rates, delays and noise that it has itself. faults: faults of sensors, applied to the readings.
     folder: new folder, to which rows are written in place of memory.
 
     Columns of each channel: number of ``readings`` that arrived, their mean delay ``delay_s``, how
@@ -99,34 +87,29 @@ def estimate_recording(
     for other faults.
     """
     expected = specs or robot_sensors(robot.description)
+    tuning = None
     run = None
     if isinstance(recording, Recording):
         title = f"estimate of {recording.name}"
         if specs is None:
-            expected = _at_own_rates(expected, recording)
-        arrivals, n_ticks, dt = _sent(recording, robot, expected, dt)
+            expectations = expectations_of_log(recording, robot, expected, dt)
+            expected = expectations.specs
+            tuning = expectations.tuning
+        arrivals, n_ticks, dt = readings_of_log(recording, robot, expected, dt)
     else:
         run = recording
         title = f"estimate of {run.meta.scenario}"
-        arrivals, n_ticks, dt = _recorded(run, robot)
+        arrivals, n_ticks, dt = readings_of_run(run, robot)
     expected = replace(expected, **{name: None for name in CHANNELS if name not in arrivals})
-    arrivals |= _faulty_arrivals(arrivals, robot, faults, dt)
-    filtering = estimator.Estimator(robot, expected)
-    guarded = GuardedEstimator(filtering, robot, expected)
-    channels = guarded.monitor.channels
+    arrivals |= faulty_readings(arrivals, robot, faults, dt)
+    filtering = RecordedFilter(robot, expected, arrivals, tuning)
     recorder = Recorder(folder=None if folder is None else Path(folder))
-    received = _ReceivedReadings(arrivals, channels)
-    outcome_rows = [int(filter_memory.NUMBER[name]) for name in channels]
-    compared_times = np.full(len(channels), -math.inf)  # [s] of the last readings compared
     for tick in range(n_ticks):
         t = tick * dt
-        estimate = guarded(received.until(tick, t), t, _command_before(run, tick))
-        sample_times, squared, degrees, accepted = filtering.outcomes[outcome_rows].T
-        is_new = sample_times > compared_times
-        compared_times = np.where(is_new, sample_times, compared_times)
-        row = _estimate_columns(t, estimate)
-        row["innovation"] = np.where(is_new, squared / np.maximum(degrees, 1.0), math.nan)
-        row["refused"] = is_new & (accepted == 0.0)
+        filtered = filtering.advance(tick, t, _command_before(run, tick))
+        row = _estimate_columns(t, filtered.estimate)
+        row["innovation"] = filtered.innovation
+        row["refused"] = filtered.refused
         recorder.append(row)
     series = recorder.series()
     meta = meta_without_mission(
@@ -134,8 +117,8 @@ def estimate_recording(
         title,
         "recording",
         dt=dt,
-        channels=channels,
-        alarms=tuple(AlarmMeta(t=t, text=text) for t, text in guarded.monitor.alarms),
+        channels=filtering.channels,
+        alarms=tuple(AlarmMeta(t=t, text=text) for t, text in filtering.monitor.alarms),
         faults=tuple(injected_faults.fault_meta(fault) for fault in faults),
         plant="recorded",
         completed=True,
@@ -148,15 +131,9 @@ def estimate_recording(
         names = ("q_estimated", "v_estimated")
         is_same = all(np.array_equal(run[name], series[name]) for name in names)
     rows = []
-    for k, health_row in enumerate(sensor_health(record)):
-        name = channels[k]
-        agreement = _agreement(
-            series["innovation"][:, k],
-            series["refused"][:, k],
-            degrees[k],
-            getattr(expected, name).sigma,
-        )
-        rows.append({"channel": name, **received.statistics(name), **agreement, **health_row})
+    agreement = filtering.agreement(series["innovation"], series["refused"])
+    for agreement_row, health_row in zip(agreement, sensor_health(record), strict=True):
+        rows.append({**agreement_row, **health_row})
     return RecordedEstimate(record=record, channels=tuple(rows), same=is_same)
 
 
@@ -179,171 +156,3 @@ def _estimate_columns(t: float, estimate: StateEstimate) -> dict[str, Any]:
         "altimeter_std": estimate.altimeter_std,
         "health": np.array(health, dtype=np.int8),
     }
-
-
-class _ReceivedReadings:
-    """Newest readings of all channels in the course of a recording, and their delays."""
-
-    def __init__(self, arrivals: Mapping[str, _Arrivals], channels: Sequence[str]) -> None:
-        self._stream = heapq.merge(*arrivals.values(), key=itemgetter(0))
-        self._next = next(self._stream, None)
-        self._newest = dict[str, Reading[Any]]()
-        self._counts = dict.fromkeys(channels, 0)
-        self._delays = dict.fromkeys(channels, 0.0)  # [s] sums
-
-    def until(self, tick: int, t: float) -> Readings:
-        """Return the newest readings that arrived until a tick, at t [s]."""
-        while self._next is not None and self._next[0] <= tick:
-            _, name, value, stamp = self._next
-            self._newest[name] = unchecked_reading(value=value, t=stamp)
-            self._counts[name] += 1
-            self._delays[name] = self._delays[name] + t - stamp
-            self._next = next(self._stream, None)
-        return unchecked_readings(**self._newest)
-
-    def statistics(self, channel: str) -> dict[str, Any]:
-        """Return how many readings of a channel arrived, and by how much late [s] on average."""
-        n_readings = self._counts[channel]
-        return {"readings": n_readings, "delay_s": self._delays[channel] / max(n_readings, 1)}
-
-
-def _agreement(
-    innovations: np.ndarray, refused: np.ndarray, n_degrees: float, sigma: float
-) -> dict[str, Any]:
-    """Compare the innovations of a channel with those that its specification predicts.
-
-    innovations: (n,) squares over covariance and degrees of freedom, NaN where there is none.
-    refused: (n,) True where the filter refused them. sigma: [unit of the channel] expected standard
-    deviation.
-    """
-    compared = innovations[np.isfinite(innovations)]
-    ratio = None
-    proposed_sigma = None
-    if compared.size:
-        # The median of chi-squared over its degrees of freedom, by Wilson and Hilferty.
-        expected_median = (1.0 - 2.0 / (9.0 * n_degrees)) ** 3
-        ratio = math.sqrt(float(np.median(compared)) / expected_median)
-        proposed_sigma = sigma * ratio
-    return {
-        "compared": len(compared),
-        "refused": int(refused.sum()),
-        "ratio": ratio,
-        "sigma": sigma,
-        "proposed_sigma": proposed_sigma,
-    }
-
-
-def _faulty_arrivals(
-    arrivals: Mapping[str, _Arrivals], robot: Robot, faults: Sequence[Fault], dt: float
-) -> dict[str, _Arrivals]:
-    """Return the readings of those channels that faults change.
-
-    Raises `InvalidInput` for faults of anything but sensors.
-    """
-    other_faults = [str(fault) for fault in faults if not fault.location.channel]
-    if other_faults:
-        raise InvalidInput(
-            f"faults {', '.join(other_faults)} of a recording; give those of sensors"
-        )
-    sources = sensors.sources_of(robot, has_altimeter="altimeter_range" in arrivals)
-    channel_sources = {name: sources[name] for name in arrivals}
-    faulty = {}
-    for name, effects in sensors.faults_of_channels(robot, faults, channel_sources).items():
-        faulty[name] = _with_faults(arrivals[name], effects, dt)
-    return faulty
-
-
-def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, float]:
-    """Return the readings of a run by channel, how many ticks it has, and its period [s]."""
-    meta = require_every_tick(record)
-    if "brakes" not in record.series:
-        raise InvalidInput(
-            f"record of {meta.scenario} without all readings; record it anew, with noise and every"
-            " tick"
-        )
-    arrivals = {}
-    for name in CHANNELS:
-        if f"measured_{name}" not in record.series:
-            continue
-        series = record[f"measured_{name}"]
-        ticks = np.flatnonzero(np.isfinite(series[:, -1]))
-        arrivals[name] = _arriving(name, ticks, series[ticks, :-1], series[ticks, -1], robot)
-    return arrivals, len(record), meta.dt
-
-
-def _sent(
-    recording: Recording, robot: Robot, specs: SensorSpecs, dt: float
-) -> tuple[dict[str, _Arrivals], int, float]:
-    """Return the readings of a recording by other software by channel, at times since the first of
-    them, with the number of ticks and their period [s].
-    """
-    if recording.at_once:
-        raise InvalidInput(
-            f"{recording.name} is of a run, as a table for others; give its record.npz, which has"
-            " the readings"
-        )
-    channels = {}
-    for name, channel in recording.channels.items():
-        if getattr(specs, name, None) is not None:
-            channels[name] = channel
-    if not {"attitude", "joint_positions"} & channels.keys():
-        raise InvalidInput(
-            f"{recording.name} has channels {', '.join(recording.channels)}; an estimate needs"
-            " attitude or joints"
-        )
-    begin = min(channel.undelayed_t[0] for channel in channels.values())
-    arrivals = {}
-    n_ticks = 0
-    for name, channel in channels.items():
-        stamps = channel.undelayed_t - begin
-        ticks = np.ceil(stamps / dt - _EARLY).astype(np.int64)
-        if name.startswith("joint_"):
-            values = channel.of(robot.joint_names, name).values
-        else:
-            values = channel.values
-        arrivals[name] = _arriving(name, ticks, values, stamps, robot)
-        n_ticks = max(n_ticks, int(ticks[-1]) + 1)
-    return arrivals, n_ticks, dt
-
-
-def _at_own_rates(specs: SensorSpecs, recording: Recording) -> SensorSpecs:
-    """Return specifications with the rates at which channels were recorded, so that a channel which
-    keeps its rate does not count as silent.
-    """
-    at_own_rates = {}
-    for name, channel in recording.channels.items():
-        spec = getattr(specs, name, None)
-        if spec is not None:
-            usual_interval = float(np.median(np.diff(channel.t)))  # [s]
-            at_own_rates[name] = replace(spec, rate=1.0 / usual_interval)
-    return replace(specs, **at_own_rates)
-
-
-def _arriving(
-    name: str, ticks: np.ndarray, values: np.ndarray, stamps: np.ndarray, robot: Robot
-) -> _Arrivals:
-    """Yield the readings of a channel: values (n, k) [unit of the channel] that arrive at ticks (n,)
-    and were taken at stamps (n,) [s].
-    """
-    shape = sizes_of(robot)[name]
-    if values.shape[1] != math.prod(shape):
-        raise InvalidInput(
-            f"{name} of {values.shape[1]} numbers; {robot.name} has {math.prod(shape)}: give the"
-            " robot recorded"
-        )
-    return zip(ticks, repeat(name), values if shape else values[:, 0], stamps, strict=False)
-
-
-def _with_faults(arrivals: _Arrivals, faults: fault_effects.ChannelFaults, dt: float) -> _Arrivals:
-    """Yield readings as faults change them, without those that a newer reading has overtaken."""
-    samples = list[tuple[int, str, Any, float, float]]()
-    for tick, name, value, sample_time in arrivals:
-        sample = faults(value, sample_time)
-        if sample is not None:
-            delayed_tick = tick + math.ceil(sample.extra_delay / dt - _EARLY)
-            samples.append((delayed_tick, name, sample.value, sample.stamp, sample_time))
-    newest = -math.inf
-    for tick, name, value, stamp, sample_time in sorted(samples, key=itemgetter(0)):
-        if sample_time > newest:
-            newest = sample_time
-            yield tick, name, value, stamp
