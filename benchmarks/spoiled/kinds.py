@@ -410,6 +410,13 @@ def _globe(columns: _Columns, mapping: dict[str, Any], _: Rng) -> None:
     mapping["columns"] = ["lon", "lat", "c2"]
 
 
+def _weakened(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Command one thruster more than it gives."""
+    given = np.ones(values.shape[1])
+    given[rng.integers(len(given))] = rng.uniform(0.1, 0.5)
+    return np.asarray(values / given)
+
+
 def _twice(columns: _Columns, mapping: dict[str, Any], rng: Rng) -> None:
     i, j = rng.choice(3, size=2, replace=False)
     mapping["columns"][i] = mapping["columns"][j]
@@ -459,6 +466,8 @@ _LATE = "s .* against the rate of the"
 _GAPS = "gaps, the longest"
 _JUMPED = "differ at the end by another time than at the beginning"
 _MIXED = "the vehicle accelerates as with"
+_EARLY = "its times are late, give delay"
+_WEAK = "of what it is commanded, measured by the others"
 _SPIKES = "jumps to .* and back"
 _UPWARDS = np.array([0.0, 0.0, 1.0])
 _FLIP_Z = np.array([1.0, -1.0, -1.0])
@@ -830,8 +839,15 @@ KINDS = (
         "time",
         "clock of the commands",
         "thrust",
-        ("the vehicle accelerates .* what it says: a clock of its own",),
+        ("the vehicle accelerates .* what it says: a clock of its own", _EARLY),
         _times("thrust", _clock),
+    ),
+    Kind(
+        "time",
+        "commands logged late",
+        "thrust",
+        (_EARLY,),
+        _times("thrust", lambda t, rng: t + rng.uniform(0.3, 0.9)),
     ),
     Kind("time", "silence", "times", ("nothing is recorded for",), _silent),
     Kind(
@@ -946,6 +962,13 @@ KINDS = (
     ),
     Kind("thrusters", "two exchanged", "thrust", (_MIXED,), _values("thrust", _exchanged(8))),
     Kind("thrusters", "one reversed", "thrust", (_MIXED,), _values("thrust", _flipped)),
+    Kind(
+        "thrusters",
+        "one gives half of its command or less",
+        "thrust",
+        (_WEAK,),
+        _values("thrust", _weakened),
+    ),
     Kind(
         "thrusters",
         "pulses of 1500 +- 400 us as newtons",

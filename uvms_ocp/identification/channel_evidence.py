@@ -10,10 +10,13 @@ from typing import Literal
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.identification.command_lags import measured_lag
 from uvms_ocp.identification.data_quality import QualityIssue, check_data_quality
+from uvms_ocp.identification.explained_motion import motion_of
 from uvms_ocp.identification.gravity_checks import G
 from uvms_ocp.identification.mounting_checks import estimated_mounting
 from uvms_ocp.identification.recording import ASPECTS, CHANNEL_KINDS, Recording
+from uvms_ocp.identification.resampling import ZeroOrderHold
 from uvms_ocp.identification.turning_checks import estimated_gyro_mounting
 
 _MIN_SHARE = 0.8  # of a motion that is explained, from which on it shows anything
@@ -88,6 +91,8 @@ def _shown(recording: Recording, doubted: Set[str]) -> Iterator[tuple[tuple[str,
         yield from _by_velocity(recording)
     if not doubted & {"attitude", "angular_velocity"}:
         yield from _by_gyro(recording)
+    if not doubted & {"attitude", "linear_velocity", "angular_velocity"}:
+        yield from _by_motion(recording)
     force = recording.channels.get("specific_force")
     if force is not None:
         size = float(np.median(np.linalg.norm(force.values, axis=1)))
@@ -147,6 +152,28 @@ def _by_gyro(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
     for name in ("angular_velocity", "attitude"):
         yield (name, "axes"), f"{axes}; {share}"
         yield (name, "time"), share
+
+
+def _by_motion(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
+    """Yield what the motion shows of the times of commands."""
+    names = [name for name in recording.channels if CHANNEL_KINDS[name].command]
+    if not names:
+        return
+    motion = motion_of(recording)
+    if motion is None:
+        return
+    for name in names:
+        held = ZeroOrderHold(recording.channels[name])
+        measured = measured_lag(held, motion, signed=name == "wrench")
+        if measured is not None:
+            yield (
+                (name, "delay"),
+                (
+                    f"the vehicle accelerates {measured.lag:.3f} +- {measured.sigma:.3f} s after it, the"
+                    f" lag of actuators included; {100 * measured.share:.0f} % of what drag leaves"
+                    " explained"
+                ),
+            )
 
 
 def _angles(turn: Sequence[float] | np.ndarray, sigma: Sequence[float] | np.ndarray) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from uvms_ocp.identification.command_lags import measured_lag
 from uvms_ocp.identification.explained_motion import (
     MAY,
     SHIFTS,
@@ -26,6 +27,8 @@ _COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
 _MIN_EXPLAINED = 0.3  # share of what drag leaves that a command must explain to be judged
 _MIN_GAIN_OF_SHIFT = 0.1  # share of the same that an implausible time must explain more
 _MIN_GAIN_OF_AXES = 0.3  # share of one axis that different axes of a wrench must explain more
+_SURE = 3.0  # [standard errors] from which on a lag is certain
+_EARLY = 0.03  # [s] by which motion may seem to come before its command
 _WRENCH_ROWS = {"forces": slice(0, 3), "moments": slice(3, 6)}
 
 
@@ -52,7 +55,9 @@ def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> 
         return
     share = shares[:, moved].mean(axis=1)
     late = float(SHIFTS[int(np.argmax(share))])
-    if share.max() > share[MAY].max() + _MIN_GAIN_OF_SHIFT:
+    early = list(early_motion(held, motion)) if signed else []
+    yield from early
+    if not early and share.max() > share[MAY].max() + _MIN_GAIN_OF_SHIFT:
         if late > 0:
             when = f"{late:.2f} s after"
         else:
@@ -60,6 +65,24 @@ def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> 
         yield f"the vehicle accelerates {when} what it says: a clock of its own?"
     if signed:
         yield from _wrench_axes(held, motion, late)
+
+
+def early_motion(
+    held: ZeroOrderHold, motion: ExplainedMotion, actuator_lag: float = 0.0
+) -> Iterator[str]:
+    """Yield a doubt where a vehicle accelerates before a wrench (k, 6) that is held says so: nothing does.
+
+    actuator_lag: [s] by which actuators are known to lag. Of other commands than a wrench nothing is
+    said: one that works against waves comes after what it works against.
+    """
+    measured = measured_lag(held, motion, signed=True)
+    if measured is None or measured.lag + _SURE * measured.sigma > -_EARLY:
+        return
+    at_least = "" if actuator_lag else " at least"
+    yield (
+        f"the vehicle accelerates {-measured.lag:.2f} +- {measured.sigma:.2f} s before what it says: its"
+        f" times are late, give delay: {actuator_lag - measured.lag:.2f}{at_least}"
+    )
 
 
 def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> Iterator[str]:

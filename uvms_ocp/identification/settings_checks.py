@@ -5,21 +5,29 @@ effect for another.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration_robot import CalibratedRobot
+from uvms_ocp.identification.command_checks import early_motion
+from uvms_ocp.identification.command_lags import measured_lag
 from uvms_ocp.identification.data_quality import QualityIssue
+from uvms_ocp.identification.explained_motion import motion_of
 from uvms_ocp.identification.mixed_thrusters import mixed_thrusters
 from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.resampling import ZeroOrderHold
 from uvms_ocp.identification.segments import POSE_INTERVAL
 from uvms_ocp.identification.settings import CalibrationSettings
+from uvms_ocp.identification.thruster_effects import weak_thrusters
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
 _NOTABLE_CURRENT = 0.01  # [m/s] from which on a current is doubted
 _STRONG_CURRENT = 0.05  # [m/s] from which on added mass and drag take its place in a fit without it
 _NO_DELAY = 0.005  # [s] up to which a delay counts as none
+_SURE = 3.0  # [standard errors] from which on a lag is certain
+_LATE = 0.1  # [s] by which a lag may be longer than is expected
 _LIMIT_ERROR = 1e-3  # share of a limit by which thrust may be beyond it
 
 
@@ -61,6 +69,9 @@ def check_settings(
     if "thrust" in channels and settings.commands != "wrench":
         thrust = channels["thrust"].of(subject.robot.thruster_names, "thrust")
         yield from _thrust_doubts(recording, thrust, subject)
+        wrench = replace(thrust, values=thrust.values @ thruster_matrix(subject.robot).T)
+        for problem in _timing_doubts(recording, wrench, subject):
+            yield QualityIssue(channel="thrust", problem=problem)
 
 
 def require_current(subject: CalibratedRobot, recording: Recording) -> None:
@@ -98,7 +109,7 @@ def _current_doubts(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]
 def _thrust_doubts(
     recording: Recording, thrust: Channel, subject: CalibratedRobot
 ) -> Iterator[QualityIssue]:
-    """Yield doubts about thrust beyond its limits, and thrusters that seem exchanged or reversed."""
+    """Yield doubts about thrust beyond its limits, and about thrusters."""
     lower, upper = thrust_limits(subject.robot)  # [N]
     is_above = thrust.values > upper * (1.0 + _LIMIT_ERROR)
     is_below = thrust.values < lower * (1.0 + _LIMIT_ERROR)
@@ -109,11 +120,47 @@ def _thrust_doubts(
             channel="thrust",
             problem=f"more is asked of {names} than they can give: a fit takes it for given",
         )
-    mixed = mixed_thrusters(
-        recording, thrust, thruster_matrix(subject.robot), subject.robot.thruster_names
-    )
-    if mixed:
-        yield QualityIssue(
-            channel="thrust",
-            problem=f"the vehicle accelerates as with {mixed}: their order, their signs?",
+    for problem in _thruster_doubts(recording, thrust, subject):
+        yield QualityIssue(channel="thrust", problem=problem)
+
+
+def _timing_doubts(
+    recording: Recording, wrench: Channel, subject: CalibratedRobot
+) -> Iterator[str]:
+    """Yield doubts about the times of the wrench (n, 6) that thrusters are commanded to give."""
+    motion = motion_of(recording)
+    if motion is None:
+        return
+    held = ZeroOrderHold(wrench)
+    quantities = subject.vehicle.shared.declaration.quantities
+    actuator_lag = quantities["lag"].value.item()  # [s]
+    yield from early_motion(held, motion, actuator_lag)
+    delay = quantities["delay"]
+    if delay.free.any():
+        return
+    expected = actuator_lag + delay.value.item()  # [s]
+    measured = measured_lag(held, motion, signed=True)
+    if measured is not None and measured.lag - _SURE * measured.sigma > expected + _LATE:
+        yield (
+            f"the vehicle accelerates {measured.lag:.2f} +- {measured.sigma:.2f} s after what is"
+            f" commanded, of which lag and delay explain {expected:.2f} s: have delay learnt"
         )
+
+
+def _thruster_doubts(
+    recording: Recording, thrust: Channel, subject: CalibratedRobot
+) -> Iterator[str]:
+    """Yield doubts about thrusters that seem dead, weak, exchanged or reversed."""
+    B = thruster_matrix(subject.robot)
+    names = subject.robot.thruster_names
+    mixed = mixed_thrusters(recording, thrust, B, names)
+    given, weak = weak_thrusters(recording, thrust, B, names)
+    # Two that are exchanged seem dead both; a dead one explains more with its sign turned, too.
+    if "exchanged" not in mixed:
+        yield from weak
+        if (given == 0.0).any():
+            mixed = mixed_thrusters(
+                recording, replace(thrust, values=thrust.values * given), B, names
+            )
+    if mixed:
+        yield f"the vehicle accelerates as with {mixed}: their order, their signs?"
