@@ -161,7 +161,8 @@ def test_starts_are_eliminated_as_from_a_dense_matrix() -> None:
 def test_what_made_a_recording_is_found_again() -> None:
     fitted = fit(recording(0), recording(1))
     assert fitted.status is FitStatus.CONVERGED
-    np.testing.assert_allclose(fitted.shared, truth()[:-1], atol=0.03)
+    # 0.04 of the coordinate of a delay of 10 ms is 0.7 ms.
+    np.testing.assert_allclose(fitted.shared, truth()[:-1], atol=0.04)
     np.testing.assert_allclose(
         [float(x[0]) for x in fitted.per_recording.values()], truth()[-1], atol=0.2
     )
@@ -221,7 +222,7 @@ def test_stretches_cover_a_recording_without_overlap() -> None:
     for one, after in pairwise(parts):
         assert one.edges[-1] == pytest.approx(after.edges[0])
         assert len(one.edges) == len(after.edges)
-    assert parts[0].edges[0] == recording().span[0]
+    assert parts[0].edges[0] == PreparedRecording.of(recording(), problem()[0]).span[0]
     assert parts[-1].edges[-1] > recording().span[1] - 1.0
 
 

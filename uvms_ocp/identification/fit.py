@@ -159,7 +159,7 @@ def search_fit(
 ) -> Estimate:
     """Find the unknowns that explain the recordings best, from where the declaration has them."""
     settings = search or Search()
-    duration = sum(float(np.ptp(recording.recording.span)) for recording in recordings)
+    duration = sum(float(np.ptp(recording.span)) for recording in recordings)
     thinning = max(1, round(duration / _ENOUGH))
     coarse_step = max(_LEAST_COARSE * settings.step, min(_COARSE * settings.step, _ROUGH_STEP))
     searches = [(coarse_step, thinning), (settings.step, thinning)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import recording as recordings
-from uvms_ocp.identification.model import N_Q, Vehicle
+from uvms_ocp.identification.model import N_Q, PAST, PAST_STEP, Vehicle
 from uvms_ocp.identification.resampling import (
     ZeroOrderHold,
     angular_rate,
@@ -28,6 +28,8 @@ POSE_INTERVAL = 0.2
 COMMANDS = ("thrust", "wrench", "propeller_commands")
 """Channels that may hold the commands of a recording."""
 _JOINT_WINDOW = 0.4  # [s] over which the positions of joints are smoothed
+_LEARNT_DELAY = 0.2  # [s] by which a delay of commands that is learnt may be more than assumed
+_MOST_LEFT_OUT = 0.2  # share of a recording that may be left out at its beginning
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -82,6 +84,8 @@ class PreparedRecording:
     """Positions [rad or m] of the joints, where the vehicle has any."""
     vertical: np.ndarray
     """(n, 3) [-] W's vertical in B, of each sample of the attitude."""
+    span: tuple[float, float]
+    """[s] begin and end of the time in which all channels, and all commands that act, are known."""
 
     @staticmethod
     def of(
@@ -114,16 +118,17 @@ class PreparedRecording:
             t = attitude.undelayed_t
             t = t[(t >= grid[0]) & (t <= grid[-1])]
             rate = recordings.Channel(t=t, values=interpolated(t, grid, omega))
-        commands = ZeroOrderHold(_actuator_commands(recording, vehicle))
+        actuator_commands = _actuator_commands(recording, vehicle)
         joints = _joint_positions(recording, vehicle)
         vertical = rotations(attitude, attitude.undelayed_t)[:, 2, :].copy()
         return PreparedRecording(
             recording=recording,
             has_velocity=has_velocity,
             rate=rate,
-            commands=commands,
+            commands=ZeroOrderHold(actuator_commands),
             joints=joints,
             vertical=vertical,
+            span=(_begin_of_known_commands(begin, end, actuator_commands, vehicle), end),
         )
 
     def segments(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
@@ -132,7 +137,7 @@ class PreparedRecording:
 
         Raises InvalidInput where they would not have a step.
         """
-        begin, end = self.recording.span
+        begin, end = self.span
         n_steps = int((end - begin) / step)
         n_segments = 1
         if duration:
@@ -217,6 +222,28 @@ def _cut(segment: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) 
         q=q,
         v=v,
     )
+
+
+def _begin_of_known_commands(
+    begin: float, end: float, commands: recordings.Channel, vehicle: Vehicle
+) -> float:
+    """Return the time [s] from which on all commands that act are among those recorded, in a recording
+    from begin to end [s].
+
+    What was commanded before the first row acts on for as long as actuators lag, and its commands
+    are late. It is known where the first row commands nothing; in a recording that is too short for
+    anything else the first commands are taken as held for long.
+    """
+    if not commands.values[0].any():
+        return begin
+    delay = vehicle.shared.declaration.quantities["delay"]
+    lead = PAST * PAST_STEP + delay.value.item()
+    if delay.free.any():
+        lead += _LEARNT_DELAY
+    known_from = max(begin, float(commands.undelayed_t[0]) + lead)
+    if known_from - begin > _MOST_LEFT_OUT * (end - begin):
+        return begin
+    return known_from
 
 
 def _actuator_commands(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Channel:

@@ -184,7 +184,7 @@ def _lengths(
     """Yield horizons and their lengths [s]: the first for which a recording is too short is cut,
     longer ones are left out.
     """
-    begin, end = prepared.recording.span
+    begin, end = prepared.span
     longest = step * (int((end - begin) / step) - round(window / step))
     for horizon in sorted(horizons):
         if longest >= step:
