@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from motions import changed, recorded
+from scipy.spatial.transform import Rotation
 
 from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.data_quality import check_data_quality
@@ -21,6 +22,7 @@ from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.resampling import rotations
 from uvms_ocp.identification.tables import write_columns
 from uvms_ocp.identification.turning_checks import estimated_gyro_mounting
+from uvms_ocp.robot.spatial import continuous_quaternions
 
 NOISE = 0.01  # [m, m/s, rad/s]
 
@@ -267,3 +269,37 @@ def test_digits_that_sensors_have_are_enough() -> None:
         channels[name] = replace(channel, values=np.round(channel.values, digits))
     recording = replace(recording, channels={**recording.channels, **channels})
     assert doubts(recording) == ""
+
+
+def test_an_attitude_that_is_astray_for_a_while_is_said_as_that_and_nothing_else() -> None:
+    """By it the velocity points elsewhere, too."""
+    recording = noisy()
+    channel = recording.channels["attitude"]
+    astray = Rotation.from_euler("z", 2.2) * Rotation.from_quat(channel.values.copy())
+    is_astray = (channel.t > 20.0) & (channel.t < 40.0)
+    values = np.where(is_astray[:, None], astray.as_quat(), channel.values)
+    text = doubts(changed(recording, "attitude", values=continuous_quaternions(values)))
+    assert text.startswith("attitude: turns otherwise than the angular_velocity at 2 moments")
+    assert "points elsewhere" not in text
+
+
+def test_an_accelerometer_without_gravity_says_nothing_of_the_attitude() -> None:
+    recording = recorded(t_end=60.0)
+    t = recording.channels["attitude"].t
+    force = 0.05 * np.random.default_rng(0).normal(size=(len(t), 3))
+    channels = {**recording.channels, "specific_force": Channel(t=t, values=force)}
+    text = doubts(replace(recording, channels=channels))
+    assert "gravity taken out" in text
+    assert "axes or format" not in text
+
+
+@pytest.mark.parametrize("late", [2.0, -2.5, 5.0, 12.0])
+def test_a_velocity_of_swings_that_is_late_by_far_is_told_by_its_components(late: float) -> None:
+    """Magnitudes of swings repeat: 1.5 s early was said of 2 s late."""
+    recording = noisy()
+    velocity = recording.channels["linear_velocity"]
+    text = doubts(changed(recording, "linear_velocity", t=velocity.t + late))
+    direction = "late" if late > 0.0 else "early"
+    assert (
+        f"linear_velocity: {abs(late):.2f} s {direction} against the rate of the position" in text
+    )

@@ -22,7 +22,7 @@ from uvms_ocp.identification.sender_checks import of_senders
 from uvms_ocp.identification.shared_motion_checks import of_shared_motion
 from uvms_ocp.identification.stuck_checks import of_stuck
 from uvms_ocp.identification.stuck_column_checks import of_stuck_columns
-from uvms_ocp.identification.turning_checks import of_turning
+from uvms_ocp.identification.turning_checks import of_foreign_turns, of_turning
 from uvms_ocp.record.row_files import forget
 
 _SAID_BETTER = (
@@ -75,9 +75,9 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
         sound.pop(name, None)
     remaining = replace(recording, channels=sound)
     if not any(name in _MOTION_CHANNELS for name, _ in issues):
-        orders = list(of_order(remaining))
-        issues += orders
-        if orders:  # as all else would follow from it
+        misread = list(of_order(remaining)) or list(of_foreign_turns(remaining))
+        issues += misread
+        if misread:  # as all else would follow from it
             sound.pop("attitude")
             remaining = replace(recording, channels=sound)
     for check in (of_poses, of_rates, of_joints, of_gravity, of_stuck):

@@ -35,8 +35,10 @@ def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
             yield "attitude", text
     if attitude is not None and force is not None:
         up = _mean_in_world(attitude, force)
-        is_proven = bool(up[2] > _VERTICAL * np.linalg.norm(up))
-        if not is_proven:
+        size = float(np.linalg.norm(up))  # [m/s2]
+        is_proven = bool(up[2] > _VERTICAL * size)
+        has_gravity = size > _WITHOUT_GRAVITY * G or _is_in_g(force.values)
+        if not is_proven and has_gravity:
             yield "attitude", _turned(up)
     if position is not None:
         z = position.values[:, 2]
@@ -69,7 +71,7 @@ def _of_force(force: np.ndarray) -> Iterator[str]:
     size = float(np.median(np.linalg.norm(force, axis=1)))  # [m/s2]
     share = size / G
     up = float(mean[2] / max(np.linalg.norm(mean), 1e-9))
-    if _NEAR_G[0] < share * G < _NEAR_G[1]:
+    if _is_in_g(force):
         yield "about 1 on average: in g, not in m/s2?"
     elif share < _WITHOUT_GRAVITY:
         yield f"{share * G:.2g} m/s2 on average, and at rest it is {G:g}: gravity taken out?"
@@ -82,6 +84,11 @@ def _of_force(force: np.ndarray) -> Iterator[str]:
             f"{np.array2string(mean, precision=1)} on average, and at rest it is along z: axes"
             " swapped?"
         )
+
+
+def _is_in_g(force: np.ndarray) -> bool:
+    """Check whether an accelerometer's samples (n, 3) [any] are as large as gravity is in g."""
+    return _NEAR_G[0] < float(np.median(np.linalg.norm(force, axis=1))) < _NEAR_G[1]
 
 
 def _of_attitude(attitude: Channel) -> Iterator[str]:

@@ -128,49 +128,69 @@ def offset(
     halves of the time have that offset.
 
     expected: (m, k) [any] at t (m,) [s]. measured: (n, k) [any] at t_measured (n,) [s]. Magnitudes are
-    compared, which have no axes.
+    compared, which have no axes; an offset that is far from any usual one also by components, whose
+    axes may be the right ones: magnitudes of swings repeat.
     """
-    expected_size = np.linalg.norm(expected, axis=1)
-    measured_size = np.linalg.norm(measured, axis=1)
     after_begin = t > t_measured[0] + _LARGEST_SHIFT
     before_end = t < t_measured[-1] - _LARGEST_SHIFT
     inside = np.flatnonzero(after_begin & before_end)
     if len(inside) < 2 * _MIN_SAMPLES:
         return 0.0, True
+    expected_size = np.linalg.norm(expected, axis=1)[:, None]
+    measured_size = np.linalg.norm(measured, axis=1)[:, None]
+    for x, y in ((expected, measured), (expected_size, measured_size)):
+        near = _agreements(t[inside], x[inside], t_measured, y)
+        rises_outwards = near.argmax() in (0, len(_SHIFTS) - 1)
+        surplus = _BETTER if rises_outwards else _FAR_BETTER
+        min_agreement = max(_FAR_AGREES, near.max() + surplus)
+        far = _far_offset(t, x, _interpolated(t, t_measured, y), min_agreement)
+        if far is not None:
+            return far, True
+    # The last of these are the magnitudes.
+    halves = []
+    for half in np.array_split(inside, 2):
+        halves.append(_agreements(t[half], expected_size[half], t_measured, measured_size))
+    return float(_SHIFTS[_best(near)]), not _differ(*halves)
 
-    def agreement(part: np.ndarray) -> np.ndarray:
-        """Correlate a part of the samples at each shift in `_SHIFTS`."""
-        by_shift = np.empty(len(_SHIFTS))
-        for k, shift in enumerate(_SHIFTS):
-            shifted = np.interp(t[part] + shift, t_measured, measured_size)
-            by_shift[k] = correlation(expected_size[part], shifted)
-        return by_shift
 
-    of_all = agreement(inside)
-    rises_outwards = of_all.argmax() in (0, len(_SHIFTS) - 1)
-    surplus = _BETTER if rises_outwards else _FAR_BETTER
-    min_agreement = max(_FAR_AGREES, of_all.max() + surplus)
-    measured_on_grid = np.interp(t, t_measured, measured_size)
-    far = _far_offset(t, expected_size, measured_on_grid, min_agreement)
-    if far is not None:
-        return far, True
-    first_half, second_half = np.array_split(inside, 2)
-    is_constant = not _differ(agreement(first_half), agreement(second_half))
-    return float(_SHIFTS[_best(of_all)]), is_constant
+def _agreements(
+    t: np.ndarray, expected: np.ndarray, t_measured: np.ndarray, measured: np.ndarray
+) -> np.ndarray:
+    """Correlate expected (m, k) at t (m,) [s] with measured (n, k) at t_measured (n,) [s], at each shift
+    in `_SHIFTS`.
+    """
+    by_shift = np.empty(len(_SHIFTS))
+    for k, shift in enumerate(_SHIFTS):
+        shifted = _interpolated(t + shift, t_measured, measured)
+        by_shift[k] = _column_correlation(expected, shifted)
+    return by_shift
+
+
+def _interpolated(t: np.ndarray, t_measured: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """Interpolate measured (n, k) at t_measured (n,) [s] to t (m,) [s]."""
+    return np.column_stack([np.interp(t, t_measured, column) for column in measured.T])
+
+
+def _column_correlation(x: np.ndarray, y: np.ndarray) -> float:
+    """Correlate all columns of x (m, k) and y (m, k) together, each about its mean, from -1 to 1."""
+    x = x - x.mean(axis=0)
+    y = y - y.mean(axis=0)
+    return float((x * y).sum() / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300))
 
 
 def _far_offset(
     t: np.ndarray, expected: np.ndarray, measured: np.ndarray, min_agreement: float
 ) -> float | None:
-    """Find by how much [s] measured (m,) [any] comes after expected (m,) [any], at uniform t (m,) [s],
-    as far as half of the time is in common; `None` unless one offset alone agrees, by a correlation
-    of `min_agreement` at least.
+    """Find by how much [s] measured (m, k) [any] comes after expected (m, k) [any], at uniform t (m,)
+    [s], as far as half of the time is in common; `None` unless one offset alone agrees, by a
+    correlation of `min_agreement` at least.
     """
     n = len(t)
-    x = expected - expected.mean()
-    y = measured - measured.mean()
+    x = expected - expected.mean(axis=0)
+    y = measured - measured.mean(axis=0)
     size = 1 << (2 * n - 1).bit_length()
-    products = np.fft.irfft(np.fft.rfft(y, size) * np.fft.rfft(x, size).conj(), size)
+    spectra = np.fft.rfft(y, size, axis=0) * np.fft.rfft(x, size, axis=0).conj()
+    products = np.fft.irfft(spectra.sum(axis=1), size)
     lags = np.r_[0 : n // 2, -(n // 2) : 0]
     in_common = n - np.abs(lags)
     shares = products[lags] / in_common * n / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300)
@@ -181,7 +201,7 @@ def _far_offset(
         return None
     first = slice(max(0, -best), n - max(0, best))
     second = slice(max(0, best), n - max(0, -best))
-    agreement = correlation(x[first], y[second])
+    agreement = _column_correlation(x[first], y[second])
     is_alone = shares[is_elsewhere].max() < agreement - _FAR_BETTER
     if agreement < min_agreement or not is_alone or abs(best) * step <= _LARGEST_SHIFT:
         return None

@@ -81,13 +81,7 @@ def of_turning(recording: Recording) -> Iterator[tuple[str, str]]:
     if recording.channels["angular_velocity"].constants:
         return
     mounting = estimated_gyro_mounting(recording)
-    if mounting is None:
-        return
-    lost = list(_lost_turns(mounting))
-    if lost:
-        yield from lost
-        return
-    if mounting.share < _MIN_EXPLAINED:
+    if mounting is None or mounting.share < _MIN_EXPLAINED:
         return
     # Noise of readings makes the scale larger than it is, by no more than what is unexplained.
     tolerance = _SCALE_TOLERANCE + (1.0 - mounting.share)
@@ -130,8 +124,17 @@ def of_turning(recording: Recording) -> Iterator[tuple[str, str]]:
         )
 
 
-def _lost_turns(mounting: GyroMounting) -> Iterator[tuple[str, str]]:
-    """Yield turns of the attitude that a gyro does not have, which fits it well at most other times."""
+def of_foreign_turns(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Yield turns of the attitude that a gyro does not have, which fits it well at most other times: by
+    such an attitude all that depends on it points elsewhere.
+    """
+    if not {"attitude", "angular_velocity"} <= recording.channels.keys():
+        return
+    if recording.channels["angular_velocity"].constants:
+        return
+    mounting = estimated_gyro_mounting(recording)
+    if mounting is None:
+        return
     usual = float(np.median(mounting.residuals))
     if usual > _USUAL_RESIDUAL:
         return
