@@ -17,7 +17,7 @@ from uvms_ocp.identification.fit import FitContext, Search, search_fit
 from uvms_ocp.identification.held_constants import constant_slopes
 from uvms_ocp.identification.identified_numbers import IdentifiedNumber, numbers
 from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.parameters import Free, Prior
+from uvms_ocp.identification.parameters import Free, Prior, Unknowns
 from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.segments import PreparedRecording
 from uvms_ocp.identification.uncertainty import DETERMINED, standard_errors
@@ -106,6 +106,29 @@ def test_a_mass_of_next_to_nothing_that_nothing_determines_is_never_exported() -
         assert name in estimate.kept
     else:
         assert estimate.estimate.status is FitStatus.NO_ANSWER
+
+
+def test_a_mass_in_the_file_that_recordings_contradict_gives_no_answer() -> None:
+    """The vehicle of the file is heavier than the one recorded with all of its added mass."""
+    vehicle = fitted().vehicle
+    quantities = vehicle.shared.declaration.quantities
+    mass = quantities["mass"].value.ravel()
+    added = quantities["added_mass"].value[0, 0]
+    heavier = vehicle.shared.declaration.with_start(mass=mass + 1.5 * added)
+    wrong = replace(
+        vehicle, shared=Unknowns(heavier), per_recording=Unknowns(heavier, per_recording=True)
+    )
+    rollout = Rollout(stage_of(wrong))
+    found = FitContext.searched(
+        vehicle=wrong, rollout=rollout, prepared=fitted().prepared, noise=NOISE, search=SEARCH
+    )
+    found = replace(found, estimate=replace(found.estimate, assumed=0.0))
+    estimate = exported_estimate(found, 1.0, numbers(wrong, found.estimate))
+    assert not estimate.usable
+    if found.estimate.status is FitStatus.CONVERGED:
+        assert estimate.estimate.status is FitStatus.NO_ANSWER
+        assert estimate.contradicted == ("added_mass surge",)
+        assert "look at mass" in estimate.advice
 
 
 def test_what_is_believed_of_a_delay_is_as_wide_in_seconds_wherever_it_is_found() -> None:

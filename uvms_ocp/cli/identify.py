@@ -276,7 +276,7 @@ def identify(
         print_line(console, str(line))
     print_paths(console, written)
     if not result.exported.usable:
-        print_line(console, f"no robot file is written: {result.exported.estimate.status.advice}")
+        print_line(console, f"no robot file is written: {result.exported.advice}")
         raise typer.Exit(NOT_COMPLETED)
 
 

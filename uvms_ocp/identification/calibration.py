@@ -112,6 +112,13 @@ class Calibration(TableDisplay):
         return self.estimate.status
 
     @property
+    def advice(self) -> str:
+        """What to do next, by the status."""
+        if self.status is FitStatus.NO_ANSWER:
+            return self.exported.advice
+        return self.status.advice
+
+    @property
     def verdicts(self) -> tuple[str, ...]:
         """One line on each set of predictions that was asked for, on what they are worth."""
         verdicts = []

@@ -38,6 +38,20 @@ class ExportedEstimate:
     estimate: Estimate
     kept: tuple[str, ...] = ()
     """Unknowns that are as they were declared, as ``added_mass surge``."""
+    contradicted: tuple[str, ...] = ()
+    """Unknowns that no body would have as they were found, and that the recordings contradict as they
+    were declared; then there is no answer.
+    """
+
+    @property
+    def advice(self) -> str:
+        """What to do next."""
+        if not self.contradicted:
+            return self.estimate.status.advice
+        return (
+            f"{', '.join(self.contradicted)} would be what no body has, and the recordings contradict"
+            " what was declared: look at mass, volume and inertia in the robot's file, and at thrust."
+        )
 
     @property
     def usable(self) -> bool:
@@ -76,7 +90,14 @@ def exported_estimate(
         is_impossible = _impossible(fitted, best, identified) & ~is_held
         if is_impossible.any():
             is_held |= is_impossible
-            best = _refitted(fitted, is_held) or replace(estimate, status=FitStatus.NO_ANSWER)
+            held_fit = _refitted(fitted, is_held)
+            allowed = INTERVAL**2 * inflation * int(is_held.sum())
+            if held_fit is None or 2.0 * (held_fit.cost - estimate.cost) >= allowed:
+                return ExportedEstimate(
+                    estimate=replace(estimate, status=FitStatus.NO_ANSWER),
+                    contradicted=tuple(np.array(shared.names)[is_impossible].tolist()),
+                )
+            best = held_fit
     return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[is_held].tolist()))
 
 

@@ -73,7 +73,7 @@ def report_data(calibration: Calibration) -> dict[str, Any]:
         shortfalls.extend(shortfall_data(shortfall) for shortfall in comparison.worse_than_still)
     data: dict[str, Any] = {
         "status": calibration.status.value,
-        "advice": calibration.status.advice,
+        "advice": calibration.advice,
         "file_usable": calibration.exported.usable,
         "numbers": [_number_data(number) for number in calibration.numbers],
         "seen_worse_than_still": shortfalls,
