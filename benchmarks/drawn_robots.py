@@ -24,6 +24,7 @@ from studies.drawn_robots import (
     FARTHER,
     REASONS,
     SEEN,
+    SHORT,
     TRIM,
     WRONGS,
     drawn_robots,
@@ -46,7 +47,9 @@ by pre-flight and {faults} raise something else. Wrong are {wrong}, {noisy_wrong
 noise and {loaded_wrong} with a load: {flees} flee, by more than {farther:g} m farther from their way point than at the start,
 {touches} touch the floor, {unseen} roll or pitch by more than {seen:g} rad to either side without a
 word in alarms or report, {blames} give a sensor up that is sound, and {whips} pass a joint's limit of
-velocity by more than {new:.0%} in the first {soon:g} s or {lasting:.0%} later.
+velocity by more than {new:.0%} in the first {soon:g} s or {lasting:.0%} later. What pre-flight refuses is flown
+all the same: {needless} complete with nothing wrong and thrusters at their limits for less than
+{short:.0%} of the time, and are refused without need.
 
 Reasons of refusals, and how many for each: {reasons}. For none of these: {others}. Seeds of what is
 wrong: {seeds}.
@@ -61,7 +64,7 @@ def prose(rows: list[Row]) -> str:
     reasons = [f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]]
     wrong = [row for row in rows if row["wrong"]]
     seeds = [f"{row['seed']} {row['wrong']}" for row in wrong]
-    flees, touches, unseen, blames, whips = [_count(wrong, name) for name in WRONGS]
+    flees, touches, unseen, blames, whips, needless = [_count(wrong, name) for name in WRONGS]
     return PROSE.format(
         robots=len(rows),
         first=rows[0]["seed"],
@@ -77,6 +80,8 @@ def prose(rows: list[Row]) -> str:
         unseen=unseen,
         blames=blames,
         whips=whips,
+        needless=needless,
+        short=SHORT,
         new=NEW_RATES - 1.0,
         lasting=RATES - 1.0,
         soon=NEW,

@@ -7,8 +7,10 @@ from __future__ import annotations
 import json
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Set
 from dataclasses import fields, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -130,7 +132,7 @@ def _scale_thruster(thruster: dict[str, Any], length: float) -> None:
         thruster["power"]["watts"] *= length**3.5
 
 
-def _scale_hydrodynamics(data: dict[str, Any], length: float) -> None:
+def _scale_hydrodynamics(data: dict[str, Any], length: float, sliding: Set[str]) -> None:
     velocity = np.sqrt(length) ** (2.0 * _LINEAR - 1.0)
     acceleration = length ** (_LINEAR - 1.0)
     limits = data.get("vehicle_limits", {})
@@ -146,40 +148,68 @@ def _scale_hydrodynamics(data: dict[str, Any], length: float) -> None:
             body["volume"] *= length**3
     for thruster in data.get("thrusters", []):
         _scale_thruster(thruster, length)
-    for joint in data.get("joints", {}).values():
-        if "acceleration" in joint:
+    for name, joint in data.get("joints", {}).items():
+        slides = name in sliding
+        if "acceleration" in joint and not slides:
             joint["acceleration"] /= length
         if "rotor_inertia" in joint:
-            joint["rotor_inertia"] *= length**5
+            joint["rotor_inertia"] *= length ** (3 if slides else 5)
+
+
+def scaled_files(folder: Path, length: float) -> Robot:
+    """Load the robot of robot.urdf and hydrodynamics.yaml in a folder at `length` times its size."""
+    tree = ET.parse(folder / "robot.urdf")
+    root = tree.getroot()
+    for mesh in root.iter("mesh"):
+        beside = folder / mesh.attrib["filename"]
+        if beside.is_file():
+            mesh.attrib["filename"] = str(beside)
+    sliding = {
+        joint.attrib["name"]
+        for joint in root.findall("joint")
+        if joint.attrib["type"] == "prismatic"
+    }
+    _scale_urdf(root, length)
+    text = (folder / "hydrodynamics.yaml").read_text(encoding="utf-8")
+    data = json.loads(json.dumps(yaml.safe_load(text)))  # entries that are one are apart now
+    _scale_hydrodynamics(data, length, sliding)
+    return load_edited(tree, data)
 
 
 @cache
 def scaled_robot(name: str, length: float) -> Robot:
-    """Load a shipped robot, with joints that turn alone, at `length` times its size."""
-    folder = robot_folder(name)
-    tree = ET.parse(folder / "robot.urdf")
-    _scale_urdf(tree.getroot(), length)
-    text = (folder / "hydrodynamics.yaml").read_text(encoding="utf-8")
-    data = json.loads(json.dumps(yaml.safe_load(text)))  # entries that are one are apart now
-    _scale_hydrodynamics(data, length)
-    return load_edited(tree, data)
+    """Load a shipped robot at `length` times its size."""
+    return scaled_files(robot_folder(name), length)
 
 
-def scaled_reach(
-    name: str,
+def scaled_reach(name: str, length: float, **situation: Any) -> Scenario:
+    """Bring a shipped robot at `length` times its size to a place, see `reach_at`."""
+    return reach_at(scaled_robot(name, length), length, **situation)
+
+
+def reach_at(
+    robot: Robot,
     length: float,
     *,
     current: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ballast: float = 0.0,
     dt: float = 0.02,
     duration: float = 60.0,
+    load: float = 0.0,
+    learn_load: bool = False,
 ) -> Scenario:
     """Bring a vehicle to a place `length` times as far as at the robot's own size; current [m/s], dt
     [s], duration [s], tasks, gains and the rules of an abort are scaled too.
 
-    ballast: on the keel of plant and controller, share of the weight.
+    ballast: on the keel of plant and controller, share of the weight. load: that the controller does not
+    know of, at the first tool, share of the weight.
     """
-    robot = scaled_robot(name, length)
+    payload = None
+    if load:
+        mass = load * sum(float(inertia.mass) for inertia in robot.model.inertias)
+        payload = TrimBody(
+            name="load", link=robot.tools[0], position=(0.0, 0.0, 0.0), mass=mass, volume=0.0
+        )
     if ballast:
         mass = ballast * sum(float(inertia.mass) for inertia in robot.model.inertias)
         place = (0.0, 0.0, -0.1 * length)
@@ -199,6 +229,8 @@ def scaled_reach(
         "dt": dt * period,
         "duration": duration * period,
         "current": period * np.array(current),
+        "payload": payload,
+        "learn_load": learn_load,
     }
     run = run_options(options, seabed=-10.0 * length)
     scenario = run.scenario(
@@ -249,7 +281,6 @@ def _scaled_abort(names: tuple[str, ...], length: float) -> Abort:
     return replace(
         abort,
         altitude=length * abort.altitude,
-        sunk=length * abort.sunk,
         time_limit=period * abort.time_limit,
         stall_after=period * abort.stall_after,
         thrust_after=period * abort.thrust_after,

@@ -29,7 +29,7 @@ from uvms_ocp.mission.phase import Below, Phase, Transition
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.end_of_run import cause_of_end
-from uvms_ocp.report.metrics import swings
+from uvms_ocp.report.metrics import mean_sizes, swings
 from uvms_ocp.robot import Kinematics
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import load_robot
@@ -267,18 +267,36 @@ DURATION = 150.0  # [s] of a mission at most
 CURRENT = 0.3  # [m/s] at most
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DrawnMission:
+    """What a robot is to do, and in which water."""
+
+    start: pin.SE3
+    """Pose of the vehicle in W."""
+    place: tuple[float, float, float]
+    """[m] of the way point in W."""
+    tasks: tuple[Task, ...]
+    options: dict[str, Any]
+    """Options of `run_options` beside the robot and times."""
+
+
 def drawn_scenario(
     robot: Robot, body: Body, rng: np.random.Generator, conditions: Conditions
 ) -> Scenario:
     """Draw a mission with or without current, noise and the load. Raises `UvmsError` where the
     package refuses it.
     """
+    return scenario_of(robot, drawn_mission(robot, body, rng), conditions)
+
+
+def drawn_mission(robot: Robot, body: Body, rng: np.random.Generator) -> DrawnMission:
+    """Draw a mission."""
     heading = float(rng.uniform(-np.pi, np.pi))
     distance = float(rng.uniform(1.0, 5.0))
     along = np.array([math.cos(heading), math.sin(heading), float(rng.uniform(-0.5, 0.5))])
     place = np.array(_START) + distance * along
     yaw = float(rng.uniform(-1.5, 1.5))
-    start_yaw = rng.uniform(-np.pi, np.pi)
+    start_yaw = float(rng.uniform(-np.pi, np.pi))
     speed = rng.uniform(0.0, CURRENT)
     drift = rng.uniform(-np.pi, np.pi)
     payload = None
@@ -290,25 +308,32 @@ def drawn_scenario(
     current = None
     if rng.random() < 0.5:
         current = (speed * math.cos(drift), speed * math.sin(drift), 0.0)
-    run = run_options(
-        {
-            "robot": robot,
-            "payload": payload,
-            "noise": noise,
-            "current": current,
-            "seed": int(rng.integers(1000)),
-            "dt": conditions.dt,
-            "duration": DURATION,
-        },
-        seabed=_FLOOR,
+    options = {
+        "payload": payload,
+        "noise": noise,
+        "current": current,
+        "seed": int(rng.integers(1000)),
+    }
+    x, y, z = place.tolist()
+    way_point = pose_at((x, y, z), (0.0, 0.0, start_yaw + yaw))
+    return DrawnMission(
+        start=pose_at(_START, (0.0, 0.0, start_yaw)),
+        place=(x, y, z),
+        tasks=tuple(_tasks(robot, way_point, rng)),
+        options=options,
     )
-    way_point = pose_at(place.tolist(), (0.0, 0.0, start_yaw + yaw))
-    tasks = list(_tasks(robot, way_point, rng))
+
+
+def scenario_of(robot: Robot, mission: DrawnMission, conditions: Conditions) -> Scenario:
+    """Compose the scenario of a mission. Raises `UvmsError` where the package refuses it."""
+    times = {"dt": conditions.dt, "duration": DURATION}
+    run = run_options({"robot": robot, **mission.options, **times}, seabed=_FLOOR)
+    phases = tuple(_phases(mission.tasks))
     scenario = run.scenario(
         name="drawn",
-        mission=mission_of(robot, tasks, tuple(_phases(tasks)), abort=_abort(tasks)),
-        start=run.start(pose_at(_START, (0.0, 0.0, float(start_yaw)))),
-        markers={"way point": tuple(place.tolist())},
+        mission=mission_of(robot, mission.tasks, phases, abort=_abort(mission.tasks)),
+        start=run.start(mission.start),
+        markers={"way point": mission.place},
     )
     return delayed(scenario, conditions)
 
@@ -391,7 +416,9 @@ _EVERY = 10  # ticks between two configurations whose clearance is measured
 SEEN = 0.15  # [rad] half a swing of roll or pitch that nobody may overlook
 OUTCOMES = ("refused", "accepted", "completed", "gave up", "time over", "fault")
 _BLAME = re.compile(r"\b([a-z]+(?:_[a-z]+)*) lost: (?!silent|no echo)")
-WRONGS = ("flees", "touches", "swings unseen", "blames a sound sensor", "whips")
+REFUSED = "refused without need"
+WRONGS = ("flees", "touches", "swings unseen", "blames a sound sensor", "whips", REFUSED)
+SHORT = 0.05  # share of its ticks in which thrusters of a mission that is flown with margin are at limits
 
 
 def run_robot(case: dict[str, Any]) -> Row:
@@ -419,6 +446,8 @@ def run_robot(case: dict[str, Any]) -> Row:
         "farther_m": None,
         "swings": "",
         "blamed": "",
+        "flown": "",
+        "wrong": "",
     }
     with tempfile.TemporaryDirectory() as place:
         try:
@@ -437,6 +466,8 @@ def run_robot(case: dict[str, Any]) -> Row:
             else:
                 outcome = "refused"
                 text = preflight.errors[0].text
+                if case["flies"]:
+                    blank |= judge_refusal(scenario)
         except UvmsError as error:
             outcome = "refused"
             text = str(error).replace(place, "DIR")
@@ -448,8 +479,7 @@ def run_robot(case: dict[str, Any]) -> Row:
         **blank,
         "outcome": outcome,
         "text": _short(text),
-        "wrong": "",
-        "completed": outcome != "fault",
+        "completed": outcome != "fault" and not blank["wrong"],
     }
 
 
@@ -508,6 +538,25 @@ def judge(scenario: Scenario, record: Record) -> dict[str, Any]:
         "text": _short(cause["text"]),
         "wrong": "; ".join(wrong),
         "completed": not wrong,
+    }
+
+
+def judge_refusal(scenario: Scenario) -> dict[str, Any]:
+    """Fly a mission that pre-flight refuses all the same: it is refused without need where it completes
+    with thrust to spare, and with nothing wrong.
+    """
+    try:
+        record = scenario.run()
+    except UvmsError as error:
+        return {"flown": _short(str(error)), "wrong": ""}
+    short = float(np.mean(mean_sizes(record, "saturated", slice(None))))
+    judged = judge(scenario, record)
+    completes = judged["outcome"] == "completed" and not judged["wrong"]
+    flown = ", ".join(filter(None, (judged["outcome"], judged["wrong"])))
+    return {
+        "t": judged["t"],
+        "flown": f"{flown}, thrusters at their limits {short:.0%}",
+        "wrong": REFUSED if completes and short < SHORT else "",
     }
 
 

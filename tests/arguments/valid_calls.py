@@ -43,7 +43,7 @@ from uvms_ocp.control.velocity import levels
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.fallbacks import Freshness, Watchdog
-from uvms_ocp.mission_plan import MissionPlan
+from uvms_ocp.mission_plan import Margins, MissionPlan
 from uvms_ocp.mission_plan.mission_digests import mission_digests
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.transcription import Transcription
@@ -567,6 +567,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "OcpResult": ocp_result,
     "Plan": plan,
     "MissionPlan": whole,
+    "Margins": Margins,
     "tuple[PlannedPhase, ...]": lambda: whole().phases,
     "Guide": lambda: whole().guide(scenario()),
     "Trajectory": lambda: plan().trajectory,

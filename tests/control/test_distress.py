@@ -32,6 +32,7 @@ from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.description import checked_copy
 from uvms_ocp.robot.shapes.hull import lowest_point, skid_points
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, StateEstimate, Trust
+from uvms_ocp.robot.size import size
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.rough_seafloor import HeightField
@@ -72,7 +73,7 @@ def reasons(
     phases = structure_of(MissionMemory, **sizes)()
     memory = structure_of(AbortMemory, **sizes)()
     write_mission(phases, mission, names)
-    distress = AbortMonitor(mission, memory)
+    distress = AbortMonitor(mission, scenario.robot, memory)
     distress.on_actuation_feedback(feedback)
     measured = StateEstimate(
         q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health
@@ -114,10 +115,11 @@ def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> Non
 
 def test_hull_or_arm_in_the_floor_that_is_seen_ends_the_mission(still: Scenario) -> None:
     """Before, only a force told, and only while a minimum altitude was asked for."""
-    sunk = reasons(still, ActuationFeedback(), 0.7, clearance=-0.031)
+    depth = size(still.robot.model) / 8
+    sunk = reasons(still, ActuationFeedback(), 0.7, clearance=-1.01 * depth)
     assert first(sunk) == pytest.approx(0.5, abs=3 * DT)
-    assert sunk[-1] == "hull or arm 0.03 m in the floor that the altimeter shows, or deeper"
-    for clearance in (-0.029, np.nan):
+    assert sunk[-1] == f"hull or arm {depth:.2g} m in the floor that the altimeter shows, or deeper"
+    for clearance in (-0.99 * depth, np.nan):
         assert not any(reasons(still, ActuationFeedback(), 0.7, clearance=clearance))
 
 

@@ -25,7 +25,7 @@ def test_each_pair_keeps_what_is_asked_for_it(of_links: float, of_obstacles: flo
         around = CollisionModel(given.robot, given.environment.obstacles, self_collision=False)
         own.append(Clearance(model=around, threshold=of_obstacles))
     mission = replace(given.mission, hierarchy=Hierarchy([*others, *own]))
-    margins = Margins()
+    margins = Margins().of(given.robot)
     kept = clearances.shape_clearance(replace(given, mission=mission), margins)
     assert kept is not None
     links = np.isfinite(kept.scene.room)

@@ -17,6 +17,7 @@ from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission.phase import Above, Below, Condition, Phase, Transition
 from uvms_ocp.mission_plan import Margins, MissionPlan, plan_mission
 from uvms_ocp.mission_plan.planner import mission_problem
+from uvms_ocp.mission_plan.segments import PlanMargins
 from uvms_ocp.mission_plan.terms import MissionWeights
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -46,6 +47,10 @@ def placed(scenario: Scenario, q: np.ndarray, frame: str) -> pin.SE3:
     return data.oMf[scenario.robot.frame_id(frame)].copy()
 
 
+def margins_of(scenario: Scenario) -> PlanMargins:
+    return Margins().of(scenario.robot)
+
+
 def energy(record: Record) -> float:
     return float(resources(record)[-1]["energy_j"])
 
@@ -65,11 +70,12 @@ def test_the_way_point_is_reached_where_its_phase_ends(
     goal = task_of(mission, VehiclePose).goal
     X_WB = placed(mission, q, "base_link")
     assert (
-        np.linalg.norm(X_WB.translation - goal.translation) <= 0.2 - Margins().position + _ROUNDING
+        np.linalg.norm(X_WB.translation - goal.translation)
+        <= 0.2 - margins_of(mission).position + _ROUNDING
     )
     assert (
         np.linalg.norm(pin.log3(goal.rotation @ X_WB.rotation.T))
-        <= 0.2 - Margins().angle + _ROUNDING
+        <= 0.2 - margins_of(mission).angle + _ROUNDING
     )
 
 
@@ -78,7 +84,9 @@ def test_the_tool_is_within_its_threshold_for_as_long_as_it_has_to_be(
 ) -> None:
     trajectory = planned.trajectory
     goal = task_of(mission, ToolPosition).goal
-    held = trajectory.q[trajectory.t >= planned.duration - 1.0 - Margins().hold - _ROUNDING]
+    held = trajectory.q[
+        trajectory.t >= planned.duration - 1.0 - margins_of(mission).hold - _ROUNDING
+    ]
     assert len(held) > 2
     for q in held:
         error = np.linalg.norm(placed(mission, q, "tool").translation - goal.translation)
@@ -89,11 +97,11 @@ def test_the_tool_is_within_its_threshold_for_as_long_as_it_has_to_be(
 def test_tilt_and_altitude_are_kept_at_every_node(mission: Scenario, planned: MissionPlan) -> None:
     for q in planned.trajectory.q[1:]:
         R_WB = placed(mission, q, "base_link").rotation
-        assert np.arccos(R_WB[2, 2]) <= 0.1 - Margins().angle + 1e-4
+        assert np.arccos(R_WB[2, 2]) <= 0.1 - margins_of(mission).angle + 1e-4
         height = placed(mission, q, mission.robot.description.altimeter or "altimeter").translation[
             2
         ]
-        assert height >= -10.0 + 1.0 + Margins().altitude - _ROUNDING
+        assert height >= -10.0 + 1.0 + margins_of(mission).altitude - _ROUNDING
 
 
 def test_a_flown_plan_completes_the_mission_for_less_energy_in_no_more_time(

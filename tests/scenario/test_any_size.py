@@ -5,21 +5,32 @@ no tolerance of pre-flight or control is a number of newtons or metres for robot
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from compiler import long_without_compiler
-from scaled_robots import scaled_reach, scaled_robot
+from scaled_robots import reach_at, scaled_files, scaled_reach, scaled_robot
+from studies.drawn_robots import drawn_body, write_robot
 
+from uvms_ocp.control.payload import heaviest_load
+from uvms_ocp.mission_plan import Margins
 from uvms_ocp.robot import list_robots, load_robot
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.preflight.robot_check import check_robot
 from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.nearest_passage import closest_approach
+from uvms_ocp.sim.seafloor import FlatSeafloor
 
 MASSES = {"toy": 0.01, "machine": 1e4}
 """[kg]"""
+LENGTHS = (0.2, 5.0)
+DRAWN = (912, 1404)
+"""Seeds of drawn robots with an arm."""
 FLOWN = ("bluerov2_alpha5", "girona_maris7_full")
 SITUATIONS: dict[str, dict[str, Any]] = {
     "still water": {},
@@ -115,3 +126,94 @@ def test_a_scaled_mission_is_flown_as_the_mission(name: str, situation: str, mas
         durations.append(record["t"][-1] / math.sqrt(length))
     as_is, scaled = durations
     assert scaled == pytest.approx(as_is, rel=0.02)
+
+
+@pytest.mark.parametrize("mass", MASSES.values(), ids=MASSES)
+@pytest.mark.parametrize("name", list_robots())
+def test_what_is_not_stated_is_of_the_size_of_the_robot(name: str, mass: float) -> None:
+    """A toy of ten grams was taken to carry 200 N, and planned with 3 cm between links of 1 cm."""
+    length = length_of(name, mass)
+    robot = load_robot(name)
+    same = scaled_robot(name, length)
+    assert heaviest_load(same) == pytest.approx(length**3 * heaviest_load(robot))
+    as_is, scaled = (Margins().of(sized) for sized in (robot, same))
+    for lengthy in ("position", "altitude", "links"):
+        expected = length * getattr(as_is, lengthy)
+        assert getattr(scaled, lengthy) == pytest.approx(expected), lengthy
+    assert scaled.angle == as_is.angle
+
+
+@long_without_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("name", FLOWN)
+def test_a_load_is_learnt_of_a_scaled_robot_as_of_the_robot(name: str, length: float) -> None:
+    """Of a toy nothing was certain before its weight was known to a share of 200 N."""
+    learnt = []
+    for sized in (1.0, length):
+        scenario = scaled_reach(name, sized, load=0.02, learn_load=True, duration=20.0)
+        record = scenario.run()
+        weight = 0.02 * 9.81 * _mass(scenario.robot)
+        assert record["load_weight"][-1] == pytest.approx(weight, rel=0.1)
+        learnt.append(record["load_weight"][-1] / weight)
+    as_is, scaled = learnt
+    assert scaled == pytest.approx(as_is, abs=0.05)
+
+
+@long_without_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("name", FLOWN)
+def test_a_scaled_mission_is_given_up_as_the_mission(name: str, length: float) -> None:
+    current = SITUATIONS["too much of a current"]["current"]
+    ended = []
+    for sized in (1.0, length):
+        events = scaled_reach(name, sized, current=current).run().run_meta.events
+        reasons = [(event.source, event.target, event.reason.partition(":")[0]) for event in events]
+        ended.append((reasons, [event.t / math.sqrt(sized) for event in events]))
+    (as_is, times), (scaled, scaled_times) = ended
+    assert scaled == as_is
+    assert as_is[0][1] == "climb"
+    assert scaled_times == pytest.approx(times, rel=0.1)
+
+
+@long_without_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("seed", DRAWN)
+def test_a_drawn_robot_is_judged_and_flown_at_any_size(
+    seed: int, length: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("UVMS_OCP_CFLAGS", "-O0")  # what is compiled runs once
+    rng = np.random.default_rng(seed)
+    write_robot(drawn_body(rng), rng, tmp_path)
+    judged = []
+    durations = []
+    for sized in (1.0, length):
+        scenario = reach_at(scaled_files(tmp_path, sized), sized)
+        judged.append(judgement(scenario))
+        record = scenario.run()
+        assert record.run_meta.completed
+        durations.append(record["t"][-1] / math.sqrt(sized))
+    assert judged[1] == judged[0]
+    assert durations[1] == pytest.approx(durations[0], rel=0.02)
+
+
+def test_the_floor_is_seen_below_all_of_a_large_robot() -> None:
+    """It ended 4 m from the vehicle's origin: of what lay beyond, its edge was the nearest."""
+    distances = []
+    for length in (1.0, 10.0):
+        robot = scaled_robot("girona_maris7", length)
+        q = robot.configuration(
+            position=(0.0, 0.0, 2.0 * length),
+            quaternion=pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 0.4, 0.0)).coeffs(),
+        )
+        environment = Environment(seafloor=FlatSeafloor(z=0.0))
+        distances.append(closest_approach(robot, environment, q[None]).distance)
+    assert distances[1] == pytest.approx(10.0 * distances[0], rel=1e-6)
+
+
+def test_of_no_configurations_nothing_is_near() -> None:
+    robot = load_robot("bluerov2")
+    environment = Environment(seafloor=FlatSeafloor(z=0.0))
+    assert closest_approach(robot, environment, np.zeros((0, robot.n_q))).distance == np.inf

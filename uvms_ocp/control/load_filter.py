@@ -23,7 +23,9 @@ MASS = 1
 """Indices of the weight and the mass at the first tool in the state; the next two are of the second
 tool, and so on.
 """
-_CURRENT_WALK = 0.01  # [m/s] by which the current may change within a second
+_CURRENT_WALK = (
+    0.01  # [m/s] by which the current may change within a second: the sea's, for any robot
+)
 LASTING_FORCE = 0.005
 """Force that the model lacks for long on every axis, share of the most that thrusters or motors
 give there.
@@ -35,7 +37,7 @@ _UNSTEADY = 0.001  # force, the same share, below which the disturbance is noise
 _ALIKE = 2.0
 LEAST_ACCELERATION = 0.05
 """[m/s2] of the tool, below which nothing is learnt of the mass: noise of the velocity looks the
-same.
+same. Accelerations of robots that swim alike are alike, whatever their size.
 """
 # standard deviations, root mean square of all axes, beyond which another load or current is there
 _SURPRISE = 4.0
@@ -45,7 +47,8 @@ _OUTLIER = 3.0  # times its size, beyond which a change of the noise counts as t
 _FIRST_NOISE = 300.0
 _COOLING = 1.0
 _PATIENCE = 3  # looks at a surprise, one after the other, that are one
-_NO_FORCE = 1e-6  # [N, N m] rounding on an axis that no thruster acts on
+_GRAVITY = 9.81  # [m/s2]
+_NO_FORCE = 1e-9  # share of the largest limit: rounding on an axis that no thruster acts on
 # noise of an observer is alike for so many times 1 / bandwidth, by the integral of its correlation
 _COLOUR = 4.0
 
@@ -62,12 +65,18 @@ class LoadLearning:
     """[s] between two looks at the disturbance."""
     settling: Positive = 1.5
     """[s] after a start, or after a velocity that was not to be trusted, that are not looked at."""
-    weight: Positive = 200.0
-    """[N] standard deviation of the net weight before anything is known of it."""
-    mass: Positive = 20.0
-    """[kg] standard deviation of the mass before anything is known of it."""
+    weight: Positive | None = None
+    """[N] standard deviation of the net weight before anything is known of it; default: the weight
+    that thrusters lift, or of a robot without them its own.
+    """
+    mass: Positive | None = None
+    """[kg] standard deviation of the mass before anything is known of it; default: the mass of that
+    weight in air.
+    """
     current: Positive = 0.5
-    """[m/s] standard deviation of the current in each direction before anything is known of it."""
+    """[m/s] standard deviation of the current in each direction before anything is known of it: the
+    sea's, whatever the robot.
+    """
     drag: Annotated[float, Range(0.0, 1.0)] = 0.1
     """Share of its slope that the drag of a moving tool's velocity may be wrong by."""
     scale: Annotated[float, Range(0.0, 1.0)] = 0.03
@@ -102,10 +111,16 @@ class LoadFilter:
     """Kalman filter of the loads and the current. Holds its estimate: build one per run."""
 
     def __init__(
-        self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray, n_tools: int = 1
+        self,
+        settings: LoadLearning,
+        limit: np.ndarray,
+        bandwidth: np.ndarray,
+        n_tools: int = 1,
+        *,
+        heaviest: float,
     ) -> None:
         """limit (n_v,) [N, N m]: of thrusters and motors; bandwidth (n_v,) [rad/s]: of the
-        observer.
+        observer; heaviest [N]: weight of a load that the robot may carry.
 
         Raises `InvalidInput` for a limit that is none, or nothing.
         """
@@ -118,7 +133,9 @@ class LoadFilter:
         self.loads = slice(2 * n_tools)
         self.current = slice(2 * n_tools, 2 * n_tools + 3)
         """Slices of the state: weight and mass by turns, and the current."""
-        prior = [*n_tools * [settings.weight**2, settings.mass**2], *3 * [settings.current**2]]
+        weight = settings.weight or heaviest
+        mass = settings.mass or heaviest / _GRAVITY
+        prior = [*n_tools * [weight**2, mass**2], *3 * [settings.current**2]]
         self._prior = np.concatenate([prior, lasting])
         self._least = (_UNSTEADY * limit) ** 2
         self._variance = self._least.copy()
@@ -217,7 +234,8 @@ def require_limits(limit: np.ndarray) -> int:
     """Return the number of axes of a limit (n_v,) [N, N m]. Raises `InvalidInput` where one bears
     no force, or any.
     """
-    wrong = np.flatnonzero(~((limit > _NO_FORCE) & (limit < np.inf)))
+    no_force = _NO_FORCE * limit[np.isfinite(limit)].max(initial=0.0)
+    wrong = np.flatnonzero(~((limit > no_force) & (limit < np.inf)))
     if len(wrong):
         problem = f"axes {wrong.tolist()} of {len(limit)} bear no force, or have no limit of it"
         raise InvalidInput(

@@ -20,18 +20,20 @@ from uvms_ocp.control.load_filter import (
     require_limits,
 )
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import symbolic_bodies, thrusters
+from uvms_ocp.robot import size, symbolic_bodies, thrusters
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 COLUMNS = 5
 """Columns of `response_function` beside the two of each tool."""
 # [m/s] of drag's slope: that of quadratic drag vanishes in still water, where no step would be the
-# right one
+# right one; a current, which is the sea's and the same for any robot
 _LEAST_FLOW = 0.1
 
 _MASS_SHARE = 0.25  # standard error of the mass, share of it, at which this is determined
-_MASS_ERROR = 0.25  # [kg] or that at most: a tool that carries nothing has no share
+# or share of the mass of the heaviest load, at most: a tool that carries nothing has no share
+_LEAST_MASS_ERROR = 0.0125
+_HEAVE = thrusters.AXES.index("heave")
 _CERTAIN = 3.0  # standard errors that a weight must have to be carried along
 
 
@@ -46,6 +48,16 @@ def require_learnable(robot: Robot, *, observed: bool) -> None:
         )
     robot.frame_id(LOAD_FRAME)
     require_limits(thrusters.largest_force(robot))
+
+
+def heaviest_load(robot: Robot) -> float:
+    """Return the weight [N] of a load that a robot may carry: what thrusters lift, or where none do
+    its own weight.
+    """
+    lift = 0.0
+    if robot.n_vehicle:
+        lift = float(thrusters.largest_force(robot)[_HEAVE])
+    return lift or size.weight(robot.model)
 
 
 # What a load at the tool, and a current, add to the generalized force that an observer takes for a
@@ -182,10 +194,11 @@ class LoadLearner:
         tools: tuple[str, ...] = (LOAD_FRAME,),
         limit: np.ndarray,
         bandwidth: np.ndarray,
+        heaviest: float,
         dt: float,
     ) -> None:
         """limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer of the `body`, dt [s]
-        its period; tools: frames.
+        its period; tools: frames; heaviest [N]: `heaviest_load` of the robot.
         """
         tool, observer_response = load_functions(body, response, tools)
         self._tool = BufferedFunction(tool)
@@ -199,8 +212,10 @@ class LoadLearner:
         n_tools = len(tools)
         # Samples are whole ticks apart.
         filter_settings = replace(settings, period=self._every * dt)
-        self.filter = LoadFilter(filter_settings, limit, bandwidth, n_tools)
+        self.filter = LoadFilter(filter_settings, limit, bandwidth, n_tools, heaviest=heaviest)
         """Filter of the loads."""
+        gravity = float(np.linalg.norm(body.model.gravity.linear))
+        self._least_mass_error = _LEAST_MASS_ERROR * heaviest / gravity  # [kg]
         self._estimate = np.zeros((n, COLUMNS + 2 * n_tools))
         self._innovation = np.zeros((n, COLUMNS + 2 * n_tools))
         self._weight = np.zeros((n, n_tools))
@@ -218,7 +233,7 @@ class LoadLearner:
         weight, mass = self.filter.x[place : place + 2].tolist()
         weight_error = self.filter.error(place)
         error = self.filter.error(place + 1)
-        is_accurate = error <= max(_MASS_ERROR, _MASS_SHARE * abs(mass))
+        is_accurate = error <= max(self._least_mass_error, _MASS_SHARE * abs(mass))
         return LoadEstimate(
             weight=weight,
             weight_error=weight_error,

@@ -18,11 +18,13 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.robot import Command, Robot, StateEstimate, signals
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
+from uvms_ocp.robot.size import joint_units, size
 from uvms_ocp.types import Magnitude, Positive
 
 _CATCH_UP = (
     1.2  # speed of the plan's clock where a goal that moves has begun before its phase in the plan
 )
+_AWAY = 1.2  # sizes of the robot from the plan, at which it is left where no distance is given
 _LEFT = GuideOutput(v=None)
 
 
@@ -94,12 +96,14 @@ class FollowingTuning:
     """Share of the usual feedback of the vehicle's velocity: the plan is fed forward."""
     smoothing: Positive = 0.5
     """[s] time constant of the correction: noise is not to become acceleration."""
-    position: Positive = 0.3
-    """[m] distance of the vehicle from the plan at which it is left."""
+    position: Positive | None = None
+    """[m] distance of the vehicle from the plan at which it is left; default: 1.2 times the robot's
+    size, as 0.3 m for 15 kg.
+    """
     attitude: Positive = 0.3
     """[rad] rotation of the vehicle from the plan at which it is left."""
     posture: Positive = 0.3
-    """[rad or m] distance of any joint from the plan at which it is left."""
+    """[rad, or share of the robot's size] distance of any joint from the plan at which it is left."""
     late: Positive = 3.0
     """[s] time beyond its end in the plan after which a phase is late, and the plan is left."""
 
@@ -133,8 +137,12 @@ class PlanGuide:
         n = robot.n_vehicle
         chosen = self._tuning
         self._gain = np.repeat([chosen.vehicle, chosen.joints], [n, robot.n_joints])
-        self._bounds = np.repeat(
-            [chosen.position, chosen.attitude, chosen.posture], [n // 2, n // 2, robot.n_joints]
+        position = chosen.position or _AWAY * size(robot.model)
+        self._bounds = np.concatenate(
+            [
+                np.repeat([position, chosen.attitude], n // 2),
+                chosen.posture * joint_units(robot),
+            ]
         )
         self._most = robot.limits.velocity
         self._correction = np.zeros(robot.n_v)

@@ -291,7 +291,7 @@ class Abort:
     """
     altitude: Positive = 3.0
     """[m] Safe altitude: above the last floor that is known, or where none is, above where the
-    phase begins.
+    phase begins. Of the place, whatever the robot.
     """
     time_limit: Positive = 60.0
     """[s] time after which the mission ends wherever the phase has led to."""
@@ -309,9 +309,9 @@ class Abort:
     """
     contact_after: Positive = 2.0
     """[s] time for which contact lasts while a minimum altitude is asked for."""
-    sunk: Positive = 0.03
+    sunk: Positive | None = None
     """[m] Depth of a corner of the hull, joint or tool in the floor that the altimeter shows, which
-    may fall by 0.3 from there on.
+    may slope down by 0.3 from there on; default: an eighth of the robot's size, as 0.03 m for 15 kg.
     """
 
     def __post_init__(self) -> None:

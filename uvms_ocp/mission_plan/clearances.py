@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.mission_plan.segments import GreedyRollout, HorizonSegment, Margins, active_tasks
+from uvms_ocp.mission_plan.segments import GreedyRollout, HorizonSegment, PlanMargins, active_tasks
 from uvms_ocp.ocp import Trajectory
 from uvms_ocp.ocp.clearance_certificate import SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
@@ -22,15 +22,16 @@ from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.robot.link_boxes import box_corners
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.hull import skid_points
+from uvms_ocp.robot.size import size
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks import Clearance, MinimumAltitude
 from uvms_ocp.tasks.task import Residual, bounded_residual
 from uvms_ocp.types import Mask
 
 _ROUNDING = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
-_LEVEL = 0.05  # [m] largest difference between heights of a floor that counts as level
-_MISSED = 2e-3  # [m] shortfall from a margin that a plan may have
-_NEAR = 0.01  # [m] a pair of links closer than this to its margin gets rows
+_LEVEL = 0.2  # sizes of the robot between heights of a floor, up to which it counts as level
+_MISSED = 0.008  # sizes of the robot by which a plan may fall short of a margin
+_NEAR = 0.04  # sizes of the robot from its margin, from which on a pair of links gets rows
 _PAIR_ROWS = 4  # rows per node and pair of links
 
 
@@ -125,14 +126,15 @@ def floor_height(scenario: Scenario, rollout: GreedyRollout) -> float:
     heights = [seafloor.height(float(x), float(y)) for x, y in rollout.q[:, :2]]
     lowest = min(heights)
     highest = max(heights)
-    if highest - lowest > _LEVEL:
+    level = _LEVEL * size(scenario.robot.model)  # [m]
+    if highest - lowest > level:
         problem = f"the floor rises by {highest - lowest:.2g} m along the way"
-        raise InvalidInput(f"{problem}; a plan needs one that is level within {_LEVEL:g} m")
+        raise InvalidInput(f"{problem}; a plan needs one that is level within {level:.2g} m")
     return highest
 
 
 def floor_terms(
-    scenario: Scenario, segments: Sequence[HorizonSegment], floor: float, margins: Margins
+    scenario: Scenario, segments: Sequence[HorizonSegment], floor: float, margins: PlanMargins
 ) -> list[Term]:
     """Return terms that keep hull and arm above the floor [m], one for each segment without a task
     on altitude.
@@ -157,7 +159,7 @@ def _keeps_altitude(scenario: Scenario, segment: HorizonSegment) -> bool:
     return False
 
 
-def shape_clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
+def shape_clearance(scenario: Scenario, margins: PlanMargins) -> ShapeClearance | None:
     """Return the term that keeps the robot away from obstacles and from itself, each pair by the
     largest threshold that tasks of the mission have for it; `None` where nothing can meet.
 
@@ -186,6 +188,11 @@ def _links(scene: CollisionScene) -> Mask:
     return np.isfinite(scene.room)
 
 
+def _length(shapes: ShapeClearance) -> float:
+    """Return the size [m] of the robot of shapes."""
+    return size(shapes.scene.coordinates.robot.model)
+
+
 def obstacle_pairs(shapes: ShapeClearance) -> ShapeClearance:
     """Select the pairs with obstacles."""
     return _among(shapes, ~_links(shapes.scene))
@@ -210,14 +217,16 @@ def violated_links(shapes: ShapeClearance, trajectory: Trajectory) -> Mask:
     at its nodes and between them.
     """
     largest_shortfall = shortfall(shapes, trajectory, 0.0).max(axis=0)
-    return (largest_shortfall > _MISSED) & _links(shapes.scene)
+    missed = _MISSED * _length(shapes)
+    return (largest_shortfall > missed) & _links(shapes.scene)
 
 
 def near_links(shapes: ShapeClearance, trajectory: Trajectory) -> Mask:
     """Return True for pairs (n_pairs,) of links that nearly miss their margins along a
     trajectory.
     """
-    return violated_links(replace(shapes, margins=shapes.margins + _NEAR), trajectory)
+    nearer = shapes.margins + _NEAR * _length(shapes)
+    return violated_links(replace(shapes, margins=nearer), trajectory)
 
 
 def certify_along(shapes: ShapeClearance, trajectory: Trajectory) -> ClearanceReport:

@@ -29,6 +29,7 @@ from uvms_ocp.mission_plan.segments import (
     GreedyRollout,
     HorizonSegment,
     Margins,
+    PlanMargins,
     active_tasks,
     foretold_rollout,
     goals_end_time,
@@ -58,7 +59,9 @@ _WATER_HORIZON = 600.0
 _WATER_PERIOD = 0.5
 """[s] Time between two samples of the water."""
 _WATER_TOLERANCE = 0.05
-"""[m/s] By which the water may differ from that at the start."""
+"""[m/s] By which the water may differ from that at the start: currents are those of the sea, whatever the
+robot.
+"""
 _CONVEX_WEIGHTS = MissionWeights(energy=1e-3, effort=1.0)
 """Convex in forces: what costs the least energy is near."""
 _QUICKEST_WEIGHTS = MissionWeights(price=1.0)
@@ -192,11 +195,12 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
     """State a mission as a problem of optimal control; step [s]: of the horizon. Raises
     `InvalidInput` as `plan_mission` does.
     """
+    kept = margins.of(scenario.robot)
     # What cannot be stated is refused before anything is compiled.
-    _stated(scenario, foretold_rollout(scenario), margins, step)
+    _stated(scenario, foretold_rollout(scenario), kept, step)
     rollout = greedy_rollout(scenario)
-    segments, terms, problem = _stated(scenario, rollout, margins, step)
-    shapes = shape_clearance(scenario, margins)
+    segments, terms, problem = _stated(scenario, rollout, kept, step)
+    shapes = shape_clearance(scenario, kept)
     if shapes is not None and scenario.environment.obstacles:
         problem = replace(problem, constraints=(*problem.constraints, obstacle_pairs(shapes)))
     return MissionProblem(
@@ -227,7 +231,7 @@ def _greedy_guess(
 
 
 def _stated(
-    scenario: Scenario, rollout: GreedyRollout, margins: Margins, step: float
+    scenario: Scenario, rollout: GreedyRollout, margins: PlanMargins, step: float
 ) -> tuple[list[HorizonSegment], MissionTerms, OcpProblem]:
     """State the problem along a rollout of the mission, without obstacles."""
     segments = horizon_segments(scenario.mission, rollout, margins, step=step)
@@ -240,7 +244,7 @@ def _problem(
     rollout: GreedyRollout,
     segments: Sequence[HorizonSegment],
     terms: MissionTerms,
-    margins: Margins,
+    margins: PlanMargins,
 ) -> OcpProblem:
     """Return the problem of these segments and terms, with the floor below the rollout."""
     robot = scenario.robot

@@ -19,7 +19,9 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission import Mission, Phase, Transition
 from uvms_ocp.ocp.problem import OcpPhase
 from uvms_ocp.record.meta_values import DONE, EventMeta
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS
+from uvms_ocp.robot.size import size
 from uvms_ocp.scenario.part_factories import our_controller
 from uvms_ocp.scenario.preflight.phase_forecast import forecast, main_path
 from uvms_ocp.scenario.scenario import Scenario
@@ -61,20 +63,60 @@ _LEEWAY = 1.0
 """[s] Time that a segment may take, however soon the greedy mission is through."""
 
 
+# sizes of the robot, of margins that are not given
+_POSITION = 0.08
+_ALTITUDE = 0.04
+_LINKS = 0.12
+
+
 @checked_dataclass()
 class Margins:
     """Margins of thresholds and limits: of each a quarter is left in any case."""
 
-    position: Magnitude = 0.02
-    """[m] margin of positions and distances."""
+    position: Magnitude | None = None
+    """[m] margin of positions and distances; default: 0.08 of the robot's size, as 0.02 m for 15 kg."""
     angle: Magnitude = 0.01
     """[rad] margin of angles."""
-    altitude: Magnitude = 0.01
-    """[m] margin of altitudes."""
-    links: Magnitude = 0.03
-    """[m] margin of distances between the robot's own links."""
+    altitude: Magnitude | None = None
+    """[m] margin of altitudes; default: 0.04 of the robot's size, as 0.01 m for 15 kg."""
+    links: Magnitude | None = None
+    """[m] margin of distances between the robot's own links; default: 0.12 of the robot's size, as
+    0.03 m for 15 kg.
+    """
     hold: Magnitude = 0.2
     """[s] time beyond that for which conditions have to hold."""
+
+    def of(self, robot: Robot) -> PlanMargins:
+        """Return the margins of a robot: shares of its size where none are given."""
+        length = size(robot.model)
+        return PlanMargins(
+            position=_given(self.position, _POSITION * length),
+            angle=self.angle,
+            altitude=_given(self.altitude, _ALTITUDE * length),
+            links=_given(self.links, _LINKS * length),
+            hold=self.hold,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PlanMargins:
+    """The `Margins` of one robot."""
+
+    position: float
+    """[m] margin of positions and distances."""
+    angle: float
+    """[rad] margin of angles."""
+    altitude: float
+    """[m] margin of altitudes."""
+    links: float
+    """[m] margin of distances between the robot's own links."""
+    hold: float
+    """[s] time beyond that for which conditions have to hold."""
+
+
+def _given(margin: float | None, default: float) -> float:
+    """Return a margin, or the default where none is given."""
+    return default if margin is None else margin
 
 
 def tightened_limit(limit: float, margin: float) -> float:
@@ -94,7 +136,7 @@ def active_constraints(
     tasks: Collection[Task],
     out: Transition,
     established: Collection[str],
-    margins: Margins,
+    margins: PlanMargins,
 ) -> list[Task]:
     """Return the tasks that a plan keeps all along a phase, stricter than the mission has them:
     constraints, safety tasks, and prerequisites that are established.
@@ -154,7 +196,7 @@ def _kept_otherwise(task: Task) -> bool:
     return isinstance(task, (UnderActuation, Clearance))
 
 
-def _tightened_task(task: Task, limits: Mapping[str, float], margins: Margins) -> Task:
+def _tightened_task(task: Task, limits: Mapping[str, float], margins: PlanMargins) -> Task:
     """Return a task with its own threshold, or the limit of a condition on it, tightened."""
     if isinstance(task, attitude.AngleTask):
         limit = limits.get(task.name, task.activation.end)
@@ -292,7 +334,7 @@ def exit_transition(phases: Sequence[Phase], route: Sequence[int], k: int) -> Tr
 
 
 def horizon_segments(
-    mission: Mission, greedy: GreedyRollout, margins: Margins, *, step: float
+    mission: Mission, greedy: GreedyRollout, margins: PlanMargins, *, step: float
 ) -> list[HorizonSegment]:
     """Divide the way of the greedy mission into segments, in their order. step [s]: of the
     horizon.

@@ -15,7 +15,7 @@ from uvms_ocp.mission import Below, Condition, Mission, Phase
 from uvms_ocp.mission_plan.segments import (
     ANGLES,
     HorizonSegment,
-    Margins,
+    PlanMargins,
     active_constraints,
     active_tasks,
     delay_task,
@@ -117,7 +117,7 @@ def condition_term(
     tasks: Sequence[Task],
     condition: Condition,
     place: ConditionPlacement,
-    margins: Margins,
+    margins: PlanMargins,
     *,
     met: bool,
 ) -> Term:
@@ -210,7 +210,7 @@ def mission_terms(
     mission: Mission,
     route: Sequence[int],
     segments: Sequence[HorizonSegment],
-    margins: Margins,
+    margins: PlanMargins,
 ) -> MissionTerms:
     """Collect the terms of all phases; route: indices of the phases, in their order. Raises
     `InvalidInput` for tasks and conditions that no residual states, by their names.
@@ -275,7 +275,7 @@ class _PlannedPhase:
         route: Sequence[int],
         k: int,
         segments: Sequence[HorizonSegment],
-        margins: Margins,
+        margins: PlanMargins,
     ) -> None:
         index = route[k]
         self._phase: Phase = mission.phases[index]

@@ -17,7 +17,8 @@ from uvms_ocp.types import (
     Mask,
 )
 
-_LONGEST_STEP = 0.3  # [m or rad] that the position of a node moves at most in one step
+# [m or rad] that the position of a node moves at most in one step: of the search, and not of what it finds
+_LONGEST_STEP = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

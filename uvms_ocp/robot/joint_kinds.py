@@ -9,11 +9,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from uvms_ocp.robot.link_tree import LinkTree
+from uvms_ocp.robot.size import size
 
 _BALANCED = 0.1
 """Distance of a propeller's centre of mass from its axis, at most, over that from its joint."""
 _SHORT = 0.1
-"""[m] Distance of a centre of mass from the joint that is counted at least."""
+"""[m] Distance of a centre of mass from the joint that is counted at least, or `_SHORT_SHARE` if that is
+less.
+"""
+_SHORT_SHARE = 0.4
+"""Sizes of the robot, of the same distance."""
 _GIMBAL_JOINTS = 2  # between the vehicle and a thruster that they point, at most
 HEAD_JOINTS = 2  # of a head that pans and tilts
 _FINGER_JOINTS = 2  # of a finger that bends
@@ -206,4 +211,5 @@ def _whirls(tree: LinkTree, index: int) -> bool:
     lever = np.asarray(tree.model.inertias[index].lever)  # [m]
     from_joint = float(np.linalg.norm(lever))  # [m]
     off_axis = float(np.linalg.norm(lever - axis * (axis @ lever)))  # [m]
-    return off_axis <= _BALANCED * max(from_joint, _SHORT)
+    short = min(_SHORT, _SHORT_SHARE * size(tree.model))
+    return off_axis <= _BALANCED * max(from_joint, short)

@@ -108,10 +108,14 @@ def shape_reach(robot: Robot, shape: pin.GeometryObject) -> np.ndarray:
     """
     if shape.parentJoint == 0:
         return np.zeros(robot.n_v)  # a floor has no end
+    return _reach_of_ball(robot, shape.parentJoint, radius_around_joint(shape))
+
+
+def radius_around_joint(shape: pin.GeometryObject) -> float:
+    """Return the radius [m] of a ball around the joint of a shape in which all of the shape is."""
     shape.geometry.computeLocalAABB()
     centre = shape.placement.act(np.array(shape.geometry.aabb_center))
-    radius = float(np.linalg.norm(centre)) + shape.geometry.aabb_radius
-    return _reach_of_ball(robot, shape.parentJoint, radius)
+    return float(np.linalg.norm(centre)) + float(shape.geometry.aabb_radius)
 
 
 def point_reach(robot: Robot, frame: str) -> np.ndarray:

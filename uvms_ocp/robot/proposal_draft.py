@@ -16,6 +16,7 @@ from uvms_ocp.robot.name_words import NameWords
 from uvms_ocp.robot.proposed_water import WATER_DENSITY, rounded
 from uvms_ocp.robot.roles import CHOOSE, Roles
 from uvms_ocp.robot.simulator_water import SimulatorBlocks, unread_lines
+from uvms_ocp.robot.size import size, weight
 from uvms_ocp.robot.up_axis import TURN, signs_of_z_down
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading
 
@@ -27,8 +28,12 @@ SPIN_UP = 0.03
 """[s] in which full effort brings the rotor of a joint alone to full speed: mechanical time
 constants of small motors are 5 to 20 ms of the torque that stalls them, above the limit.
 """
-_SMALLEST_ROTOR = 0.01  # [kg m2] up to which a geared motor may exceed what it moves
-_SMALLEST_SLIDE = 1.0  # [kg] up to which a motor of a joint that slides may exceed what it moves
+# up to which a geared motor may exceed what it moves: [kg m2], or [kg] of a joint that slides, or shares of
+# the robot's mass, with the square of its size, if that is less
+_SMALLEST_ROTOR = 0.01
+_SMALLEST_SLIDE = 1.0
+_ROTOR_SHARE = 0.01
+_SLIDE_SHARE = 0.06
 _FINGERS = (
     "fingers that mimic none, held still; <mimic> in the URDF makes them one joint, without `lock`"
     " each is its own"
@@ -399,7 +404,10 @@ def _motor(model: pin.Model, joint: limits.Joint, moved: np.ndarray) -> dict[str
         return {"acceleration": 1.0}
     motor = {"acceleration": float(f"{2.0 * speed:.3g}")}
     if 0.0 < effort < 1e4:
-        smallest = _SMALLEST_SLIDE if joint.slides else _SMALLEST_ROTOR
+        mass = weight(model) / float(np.linalg.norm(model.gravity.linear))
+        smallest = min(_SMALLEST_ROTOR, _ROTOR_SHARE * mass * size(model) ** 2)
+        if joint.slides:
+            smallest = min(_SMALLEST_SLIDE, _SLIDE_SHARE * mass)
         largest = max(float(moved[joint.idx_v]), smallest)
         rotor = min(SPIN_UP * effort / speed, largest)
         motor["rotor_inertia"] = float(f"{rotor:.3g}")

@@ -4,10 +4,13 @@ mean the same to a toy of ten grams and to a machine of ten tonnes.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.robot.robot import Robot
+if TYPE_CHECKING:
+    from uvms_ocp.robot.robot import Robot
 
 _WATER_DENSITY = 1000.0  # [kg/m3]
 _LIGHTEST = 1e-9  # [kg] mass of a robot without any

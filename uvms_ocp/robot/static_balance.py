@@ -23,6 +23,7 @@ _FOAM = 200.0  # [kg/m3] syntactic foam
 _LEAD = 11340.0  # [kg/m3]
 TRIM_TOLERANCE = 2e-3
 """Largest difference of lift and weight of a trimmed vehicle, share of its weight."""
+_STATIONS = 0.04  # [size of the robot] between floats at bow and stern, at least
 # [size of the robot] by which floats are above, ballast below the origin, for stability
 _HEIGHT = 0.4
 
@@ -89,15 +90,16 @@ def trimmed(robot: Robot, *, bow: _Station, stern: _Station) -> Robot:
     one at ``stern``.
 
     bow, stern: x in ``base_link`` [m]. Lift comes from foam of 200 kg/m3, weight from lead. Raises
-    ``InvalidInput`` for a fixed base and for stations that are less than 1 cm apart.
+    ``InvalidInput`` for a fixed base and for stations that are less than 0.04 of its size apart.
     """
     if not robot.n_vehicle:
         raise InvalidInput(
             f"robot {robot.name!r} has a fixed base; only a free-flyer can be trimmed"
         )
-    if bow - stern < 0.01:
+    nearest = _STATIONS * size(robot.model)
+    if bow - stern < nearest:
         raise InvalidInput(
-            f"bow {bow} m, stern {stern} m; allowed: bow at least 0.01 m ahead of stern"
+            f"bow {bow} m, stern {stern} m; allowed: bow at least {nearest:.1g} m ahead of stern"
         )
     return with_trim(robot, _trim_bodies(robot, bow, stern))
 

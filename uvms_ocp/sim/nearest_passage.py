@@ -6,15 +6,17 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.robot.kinematics import radius_around_joint
 from uvms_ocp.robot.robot import Robot, require_normalized
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import floor_obstacle
 from uvms_ocp.types import Positive, Shape
 
-_AROUND = 4.0  # [m] of floor beyond the vehicle's track
+_AROUND = 4.0  # [m] of floor beyond where the robot has been
 
 
 @checked_dataclass()
@@ -27,6 +29,24 @@ class ClosestApproach:
     """Row of the configurations given."""
     pair: str
     """Names of the two shapes; empty where there are none."""
+
+
+def _track(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Return the corners (2, 2) [m] in W of a rectangle around all shapes of the robot at configurations
+    q (n, n_q) [m, rad].
+    """
+    shapes = [shape for shape in robot.collision_model.geometryObjects if shape.parentJoint]
+    radii = {shape.parentJoint: 0.0 for shape in shapes}
+    for shape in shapes:
+        radii[shape.parentJoint] = max(radii[shape.parentJoint], radius_around_joint(shape))
+    data = robot.model.createData()
+    corners = []
+    for row in q:
+        pin.forwardKinematics(robot.model, data, row)
+        for joint, radius in radii.items():
+            place = data.oMi[joint].translation[:2]
+            corners += [place - radius, place + radius]
+    return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
 
 
 @checked
@@ -48,14 +68,13 @@ def closest_approach(
     default. Raises `InvalidInput` for others.
     """
     require_normalized(robot.model, q)
-    if robot.n_vehicle:
-        track = q[:, :2]
-    else:
-        track = np.zeros((len(q), 2))
+    if not (len(q) and any(shape.parentJoint for shape in robot.collision_model.geometryObjects)):
+        return ClosestApproach(distance=np.inf, row=0, pair="")
     obstacles = list(environment.obstacles)
     if floor:
-        low = track.min(axis=0) - _AROUND
-        high = track.max(axis=0) + _AROUND
+        low, high = _track(robot, q)
+        low = low - _AROUND
+        high = high + _AROUND
         x, y = (0.5 * (low + high)).tolist()
         extent = float((high - low).max())
         obstacles.append(

@@ -38,7 +38,9 @@ _PARALLEL = 1e-6  # a driven axis turns no axis that is parallel to it up to thi
 # angle in it is taken as 0.
 _IN_PLANE = 1e-3
 _ANGLE_NUMBERS = ("gain", "saturation", "aim")  # `symbolic_numbers` of tasks on one angle
-_OVERHEAD = 1e-3  # [m] horizontal distance below which the direction to a target is undefined
+# [m] distance below which the direction to a target is undefined: less than a position is known to, of toys
+# too
+_OVERHEAD = 1e-3
 
 
 def misalignment(a: ca.SX, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:

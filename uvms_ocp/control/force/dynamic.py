@@ -22,7 +22,7 @@ from uvms_ocp.control.force import thruster_lag, tick_functions, velocity_law
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
 from uvms_ocp.control.load_filter import LoadLearning
-from uvms_ocp.control.payload import LoadLearner, require_learnable
+from uvms_ocp.control.payload import LoadLearner, heaviest_load, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
@@ -336,6 +336,7 @@ def _learner(laws: tick_functions.ForceLaws, settings: LoadLearning) -> LoadLear
         tools=laws.robot.tools,
         limit=observer.limit,
         bandwidth=observer.bandwidth,
+        heaviest=heaviest_load(laws.robot),
         dt=observer.dt,
     )
 

@@ -14,10 +14,13 @@ from uvms_ocp.estimation import degraded_modes
 from uvms_ocp.mission import Mission
 from uvms_ocp.mission.progress import MissionMemory, always_grows
 from uvms_ocp.robot import signals
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SAME_TIME
+from uvms_ocp.robot.size import size
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
+_SUNK = 0.125  # sizes of the robot in the floor, where a mission states no depth
 _SUNK_AFTER = 0.5  # [s] for which arm or hull must be in the floor to be believed
 _GROWTH = 0.1  # share of an error by which it grows where the robot runs away
 _CREST_SPAN = 10.0  # [s] crests are remembered for one to two of it: a swing has one in each
@@ -281,7 +284,7 @@ class AbortMonitor:
     run.
     """
 
-    def __init__(self, mission: Mission, memory: AbortMemory) -> None:
+    def __init__(self, mission: Mission, robot: Robot, memory: AbortMemory) -> None:
         """memory: of the kernel, which is set up."""
         self._mission = mission
         self._memory = memory
@@ -298,9 +301,10 @@ class AbortMonitor:
             "runaway_after",
             "contact",
             "contact_after",
-            "sunk",
         )
-        assign(memory, **{name: getattr(abort, name) for name in copied if abort is not None})
+        if abort is not None:
+            assign(memory, **{name: getattr(abort, name) for name in copied})
+            memory.sunk = abort.sunk or _SUNK * size(robot.model)
 
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take over the feedback of the force layer."""
@@ -337,7 +341,7 @@ class AbortMonitor:
                 f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
             ),
             AbortReason.FLOOR: (
-                f"hull or arm {abort.sunk:g} m in the floor that the altimeter shows, or deeper"
+                f"hull or arm {self._memory.sunk:.2g} m in the floor that the altimeter shows, or deeper"
             ),
             AbortReason.LATE: f"{abort.time_limit:g} s were not enough for it",
             AbortReason.HOPELESS: hopeless,

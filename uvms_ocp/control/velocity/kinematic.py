@@ -135,7 +135,7 @@ class KinematicController(TableDisplay):
         self._guarding = position_guards.ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
-        self._distress = AbortMonitor(mission, memory.distress)
+        self._distress = AbortMonitor(mission, robot, memory.distress)
         self._feedback = ActuationFeedback()
         self._applied_feedback = self._feedback
         self._jammed = self._feedback.jammed

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.robot import Robot, SymbolicModel, dynamics, symbolic_bodies, thrusters
+from uvms_ocp.robot.size import size
 from uvms_ocp.tasks.approach_speed import ENDLESS, approach_speed, row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
@@ -23,9 +24,9 @@ N_PASSIVE = 4
 that the model does not know.
 """
 _FREE = 6  # axes of a vehicle that can swing
-# [rad/s] range of frequencies of a swing
-_SLOWEST = 0.3
-_QUICKEST = 6.0
+# range of frequencies of a swing, of that of a pendulum as long as the robot's size
+_SLOWEST = 0.05
+_QUICKEST = 1.5
 _LEAD = 0.5  # lead of the joints over the swing, share of its frequency
 _MEMORY = 8.0  # time in which the mean of a swing is learnt, in radians of its phase
 _JOINT_SHARE = 0.5  # share of the velocity limits of joints that may counter a swing
@@ -65,7 +66,8 @@ def swing_frequency(robot: Robot) -> float:
     K = np.array(_balance(robot)(q, 0.0)[0])[:, axes]
     smallest_eigenvalue = np.linalg.eigvals(np.linalg.solve(M, K)).real.min()
     frequency = np.sqrt(max(smallest_eigenvalue, 0.0))
-    return float(np.clip(frequency, _SLOWEST, _QUICKEST))
+    pendulum = np.sqrt(np.linalg.norm(robot.model.gravity.linear) / size(robot.model))
+    return float(np.clip(frequency, _SLOWEST * pendulum, _QUICKEST * pendulum))
 
 
 def memory_time(robot: Robot) -> float:

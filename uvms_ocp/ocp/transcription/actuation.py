@@ -9,11 +9,10 @@ import numpy as np
 from uvms_ocp.ocp.problem import Actuation
 from uvms_ocp.ocp.terms import finite_or
 from uvms_ocp.robot import Robot
+from uvms_ocp.robot.size import size, weight
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
-_UNLIMITED_EFFORT = 10.0  # [N m] unit of torque where the robot has no limit
 _RANK = 1e-9  # share of the largest singular value of the thruster matrix below which one is none
-_VEHICLE_FORCE = 100.0  # [N, N m] unit of the wrench on a vehicle without thrusters
 
 
 class ActuationModel:
@@ -30,11 +29,14 @@ class ActuationModel:
             thrust_lower = np.full(n, -np.inf)
             thrust_upper = np.full(n, np.inf)
         largest_thrust = np.maximum(np.abs(thrust_lower), np.abs(thrust_upper))
-        self.thrust_unit = finite_or(largest_thrust, _VEHICLE_FORCE)
+        # Where there is no limit the robot's weight is the unit, at its size as the lever for moments.
+        force = weight(robot.model)
+        moment = force * size(robot.model)
+        self.thrust_unit = finite_or(largest_thrust, force)
         """(n_thrust,) [N, N m]"""
         self.thrust_lower = thrust_lower / self.thrust_unit
         self.thrust_upper = thrust_upper / self.thrust_unit
-        self.torque_unit = finite_or(robot.limits.effort, _UNLIMITED_EFFORT)
+        self.torque_unit = finite_or(robot.limits.effort, moment)
         """(n_joints,) [N m]"""
         self.torque_limit = robot.limits.effort / self.torque_unit
         wrench = np.abs(self.matrix) @ self.thrust_unit / 4

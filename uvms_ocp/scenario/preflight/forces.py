@@ -17,6 +17,7 @@ from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.size import size
 from uvms_ocp.robot.static_balance import rotation_at_rest, tilt_when_driven
 from uvms_ocp.robot.thrusters import (
     AXES,
@@ -40,8 +41,10 @@ _FULL = 0.8  # share of a limit above which holding still is called tight
 _TILTED = 0.1  # [rad] that is worth a warning where no task asks for a level vehicle
 _NEGLIGIBLE_SHARE = 1e-4
 """Share of the largest force that thrusters give along an axis, below which none is missing."""
-_NEGLIGIBLE_SPEED = 5e-3
-"""[m/s, rad/s] at which drag may make up for a missing force: 0.3 m in a minute."""
+# speeds at which drag may make up for a missing force: shares of the root of gravity times the robot's size,
+# and over it, such as 5 mm/s and mrad/s for 15 kg, which is 0.3 m in a minute
+_NEGLIGIBLE_SPEED = 3.2e-3
+_NEGLIGIBLE_RATE = 8e-4
 
 
 def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -59,7 +62,7 @@ def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     dynamics = robot_dynamics(setup.robot)
     loads = [_hold(setup, dynamics, visit) for visit in visits]
     worst = max(range(len(visits)), key=lambda k: (loads[k].missing, loads[k].thrust))
-    yield _force_finding(visits[worst], loads[worst])
+    yield _force_finding(setup.robot, visits[worst], loads[worst])
     for visit, load in zip(visits, loads, strict=True):
         task = visit.active(VehiclePose)
         if task is None or load.is_short:
@@ -92,16 +95,16 @@ class DriveLoad:
     torque: float
     """Largest torque of a joint as a share of its limit; above 1 its motor cannot give it."""
     missing: float
-    """[N, N m] norm of the part of the wrench that is missing."""
+    """[N] norm of the part of the wrench that is missing, of moments over the robot's size."""
     is_short: bool
     """True where along some axis more than `_NEGLIGIBLE_SHARE` is missing."""
     axes: str
     """Description of what is missing on each axis."""
     drifts: bool
-    """True where drag makes up for what is missing only at more than `_NEGLIGIBLE_SPEED`."""
+    """True where drag makes up for what is missing only at more than `_negligible_velocity`."""
 
 
-def _force_finding(visit: Visit, load: DriveLoad) -> Finding:
+def _force_finding(robot: Robot, visit: Visit, load: DriveLoad) -> Finding:
     figures = {"thrust_share": load.thrust, "torque_share": load.torque, "missing_N": load.missing}
     thrust = f"{100 * load.thrust:.0f} % of the thrust"
     if load.is_short:
@@ -114,8 +117,9 @@ def _force_finding(visit: Visit, load: DriveLoad) -> Finding:
     if load.drifts or load.torque > 1.0:
         text += "; wait for less current, trim the robot, or take a stronger one"
     else:
+        speed, *_, rate = 1e3 * _negligible_velocity(robot)
         text += (
-            f"; the vehicle gives way by at most {1e3 * _NEGLIGIBLE_SPEED:.0f} mm/s or mrad/s,"
+            f"; the vehicle gives way by at most {speed:.1g} mm/s or {rate:.1g} mrad/s,"
             " until its drag makes up for that"
         )
     is_error = load.drifts or load.torque > 1.0
@@ -172,11 +176,12 @@ def _load(
     thrust_shares = np.abs(result.thrust) / np.array(thruster_limits)
     torque_shares = np.abs(tau[robot.joint_v]) / robot.limits.effort
     lack = _missing_wrench(robot, result)
-    missing = float(np.linalg.norm(lack))
+    missing_forces = lack / np.repeat([1.0, size(robot.model)], 3)  # [N]
+    missing = float(np.linalg.norm(missing_forces))
     short_axes = _short_axes(robot, lack)
     drifts = False
     if short_axes:
-        v[robot.vehicle_v] = -_NEGLIGIBLE_SPEED * lack / missing
+        v[robot.vehicle_v] = -_negligible_velocity(robot) * missing_forces / missing
         moving = allocation.allocate(forces(v)[robot.vehicle_v])
         drifts = bool(_short_axes(robot, _missing_wrench(robot, moving)))
     return DriveLoad(
@@ -187,6 +192,15 @@ def _load(
         axes=", ".join(_axis_text(axis, lack[axis]) for axis in short_axes),
         drifts=drifts,
     )
+
+
+def _negligible_velocity(robot: Robot) -> np.ndarray:
+    """Return the velocity (6,) [m/s, rad/s] by which a vehicle may give way along each axis."""
+    gravity = np.linalg.norm(robot.model.gravity.linear)
+    length = size(robot.model)
+    speed = _NEGLIGIBLE_SPEED * np.sqrt(gravity * length)
+    rate = _NEGLIGIBLE_RATE * np.sqrt(gravity / length)
+    return np.repeat([speed, rate], 3)
 
 
 def _missing_wrench(robot: Robot, result: AllocationResult) -> np.ndarray:

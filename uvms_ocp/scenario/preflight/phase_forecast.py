@@ -19,7 +19,7 @@ from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, Task, Vehic
 
 _N_RIM = 8  # positions on the rim of the ball in which a phase may end
 _BEND = 0.3  # [rad] angle from the straight way at which a way point may be approached
-_OVERHEAD = 1e-3  # [m] horizontal distance below which a target has no direction
+_OVERHEAD = 1e-3  # [m] horizontal distance below which a target has no direction, as for tasks
 AnyTask = TypeVar("AnyTask", bound=Task)
 
 
@@ -203,8 +203,8 @@ def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:
     around the target.
 
     With d the distance, ``d theta = -(d psi + ds / d)`` and the least ``d psi^2 + ds^2`` share the
-    angle as d^2 : 1 between turning and walking. A vehicle that does not drive every axis turns on
-    the spot.
+    angle as d^2 : 1 between turning and walking, with 1 m as much as 1 rad, as in the hierarchy. A
+    vehicle that does not drive every axis turns on the spot.
     """
     offset = stance.position[:2] - target[:2]
     d = float(np.linalg.norm(offset))
