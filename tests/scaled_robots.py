@@ -195,21 +195,12 @@ def reach_at(
     ballast: float = 0.0,
     dt: float = 0.02,
     duration: float = 60.0,
-    load: float = 0.0,
-    learn_load: bool = False,
 ) -> Scenario:
     """Bring a vehicle to a place `length` times as far as at the robot's own size; current [m/s], dt
     [s], duration [s], tasks, gains and the rules of an abort are scaled too.
 
-    ballast: on the keel of plant and controller, share of the weight. load: that the controller does not
-    know of, at the first tool, share of the weight.
+    ballast: on the keel of plant and controller, share of the weight.
     """
-    payload = None
-    if load:
-        mass = load * sum(float(inertia.mass) for inertia in robot.model.inertias)
-        payload = TrimBody(
-            name="load", link=robot.tools[0], position=(0.0, 0.0, 0.0), mass=mass, volume=0.0
-        )
     if ballast:
         mass = ballast * sum(float(inertia.mass) for inertia in robot.model.inertias)
         place = (0.0, 0.0, -0.1 * length)
@@ -229,8 +220,6 @@ def reach_at(
         "dt": dt * period,
         "duration": duration * period,
         "current": period * np.array(current),
-        "payload": payload,
-        "learn_load": learn_load,
     }
     run = run_options(options, seabed=-10.0 * length)
     scenario = run.scenario(

@@ -147,23 +147,6 @@ def test_what_is_not_stated_is_of_the_size_of_the_robot(name: str, mass: float) 
 @pytest.mark.slow
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("name", FLOWN)
-def test_a_load_is_learnt_of_a_scaled_robot_as_of_the_robot(name: str, length: float) -> None:
-    """Of a toy nothing was certain before its weight was known to a share of 200 N."""
-    learnt = []
-    for sized in (1.0, length):
-        scenario = scaled_reach(name, sized, load=0.02, learn_load=True, duration=20.0)
-        record = scenario.run()
-        weight = 0.02 * 9.81 * _mass(scenario.robot)
-        assert record["load_weight"][-1] == pytest.approx(weight, rel=0.1)
-        learnt.append(record["load_weight"][-1] / weight)
-    as_is, scaled = learnt
-    assert scaled == pytest.approx(as_is, abs=0.05)
-
-
-@long_without_compiler
-@pytest.mark.slow
-@pytest.mark.parametrize("length", LENGTHS)
-@pytest.mark.parametrize("name", FLOWN)
 def test_a_scaled_mission_is_given_up_as_the_mission(name: str, length: float) -> None:
     current = SITUATIONS["too much of a current"]["current"]
     ended = []

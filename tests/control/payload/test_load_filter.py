@@ -184,3 +184,27 @@ def test_settings_that_cannot_be_are_refused(name: str, value: float) -> None:
 def test_axes_that_bear_no_force_or_any_are_refused(limit: float) -> None:
     with pytest.raises(InvalidInput, match=r"axes \[5\] of 6"):
         LoadFilter(SETTINGS, np.array([*LIMIT[:5], limit]), BANDWIDTH, heaviest=HEAVIEST)
+
+
+@pytest.mark.parametrize("length", [0.1, 0.2, 5.0])
+def test_a_load_of_a_scaled_robot_is_learnt_as_that_of_the_robot(length: float) -> None:
+    """A toy was taken to carry up to 200 N, whatever it lifts."""
+    unit = length**3 * np.array([1.0, 1.0, 1.0, length, length, length])
+    learnt = []
+    for size in (np.ones(6), unit):
+        forces = size[0]
+        load_filter = LoadFilter(SETTINGS, LIMIT * size, BANDWIDTH, heaviest=HEAVIEST * forces)
+        for k in range(60):
+            sample = look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k))
+            load_filter.update(
+                replace(
+                    sample,
+                    disturbance=sample.disturbance * size,
+                    weight=sample.weight * size[:, None] / forces,
+                    mass=sample.mass * size[:, None] / forces,
+                    slopes=np.zeros((6, 3)),
+                )
+            )
+        learnt.append([load_filter.x[WEIGHT] / forces, load_filter.error(WEIGHT) / forces])
+        learnt[-1] += [load_filter.x[MASS] / forces, load_filter.error(MASS) / forces]
+    assert learnt[1] == pytest.approx(learnt[0], rel=1e-6)

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.mission import Phase
-from uvms_ocp.robot.size import weight
+from uvms_ocp.robot.rest_along_free_motions import motion_to_rest
+from uvms_ocp.robot.size import size, weight
 from uvms_ocp.robot.static_balance import TRIM_TOLERANCE, static_residual
 from uvms_ocp.robot.thrusters import (
     AXES,
@@ -31,6 +32,7 @@ _HEAVE = 2
 _LINEAR = 3  # how many of them are lengths
 _YAW = 5
 
+_REST_SHARE = 0.5  # of what a phase allows, by which the vehicle is off its depth at rest at most
 _LARGEST_COUPLING = 0.4  # [rad] rotation about another axis that comes with 1 rad about a free one
 _WHERE = ("ahead of or behind", "beside", "above or below")
 
@@ -44,15 +46,29 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         return
     lift, _ = static_residual(setup.robot, setup.start)
     if _HEAVE in unmoved and abs(lift) > TRIM_TOLERANCE * weight(setup.robot.model):
-        trim = "light" if lift > 0 else "heavy"
-        text = (
-            f"the vehicle is {abs(lift):.2g} N too {trim}, and no thruster holds its depth: trim it"
-        )
-        yield Severity.ERROR.finding(FORCES, text, lift_N=lift)
+        yield _trim_finding(setup, visits, lift)
     begin = setup.start[:_LINEAR]
     for visit in visits:
         yield from _check_way(setup, visit, begin, unmoved)
         begin = visit.stances[0].position
+
+
+def _trim_finding(setup: Setup, visits: Sequence[Visit], lift: float) -> Finding:
+    """Return the finding of a vehicle out of trim by a lift [N] whose depth no thruster holds: an error
+    where that changes its depth for ever, or by more than a phase allows.
+    """
+    trim = "light" if lift > 0 else "heavy"
+    text = f"the vehicle is {abs(lift):.2g} N too {trim}, and no thruster holds its depth"
+    way = float(np.abs(motion_to_rest(setup.robot, setup.start)[_HEAVE]))
+    limits = [size(setup.robot.model)]
+    for visit in visits:
+        task = visit.active(VehiclePose)
+        if task is not None:
+            limits.append(threshold_of(visit.phase, f"{task.name}.position_error") or np.inf)
+    if way > _REST_SHARE * min(limits):
+        return Severity.ERROR.finding(FORCES, f"{text}: trim it", lift_N=lift)
+    text += f": it tilts as it moves by {way:.2g} m, which holds it there; trim it to be level"
+    return Severity.WARNING.finding(FORCES, text, lift_N=lift, way_m=way)
 
 
 def _check_way(
