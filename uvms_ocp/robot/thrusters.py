@@ -20,6 +20,7 @@ from uvms_ocp.robot.robot import Robot
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Names of the vehicle's axes, in the order of v."""
 _ROUNDING = 1e-6  # relative
+_RIGHTED = 3.0  # times that axes weigh which right themselves, among those that are out of reach
 _REPEATABLE = 0.1  # of the thrust, within which a bench repeats its measurement of one signal
 _WEAK = 0.1
 """Share of the best driven direction: what rights itself and is driven by less is left to itself.
@@ -218,8 +219,9 @@ def unactuated_axes(robot: Robot) -> tuple[int, ...]:
 
     As many axes as the thruster matrix lacks in rank, those that weigh most in its left null space:
     where sway brings a little roll along, roll is the one out of reach. Roll and pitch right
-    themselves: they count where they are hardly driven, as by lift thrusters a centimetre from
-    where they are meant to be. Empty for a fixed base.
+    themselves: of a lift that comes with a pitch, weight bears the pitch, and the vehicle is where its
+    thrusters want it. They weigh three times as much, and count where they are hardly driven, as by
+    lift thrusters a centimetre from where they are meant to be. Empty for a fixed base.
     """
     if robot.n_vehicle:
         return unreachable_axes(thruster_matrix(robot))
@@ -237,21 +239,22 @@ def undriven_axes(robot: Robot) -> tuple[int, ...]:
 
 def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
     """Return `unactuated_axes` of a thruster matrix B (6, n_thrusters) [-, m]."""
-    return _heaviest_axes(left_null_space(B))
+    return _heaviest_axes(left_null_space(B), righted=_RIGHTED)
 
 
-def _heaviest_axes(null_space: np.ndarray) -> tuple[int, ...]:
-    """Choose as many axes as there are columns, those with the largest entries; of axes equal but
-    for rounding the last.
+def _heaviest_axes(null_space: np.ndarray, *, righted: float = 1.0) -> tuple[int, ...]:
+    """Choose as many axes as there are columns, those with the largest entries, `righted` times as large
+    of roll and pitch; of axes equal but for rounding the last.
     """
+    factors = np.array([1.0, 1.0, 1.0, righted, righted, 1.0])
     remaining = null_space
     axes = []
     for _ in range(null_space.shape[1]):
-        weights = np.linalg.norm(remaining, axis=1)
+        weights = factors * np.linalg.norm(remaining, axis=1)
         heaviest = np.flatnonzero(weights > (1.0 - _ROUNDING) * weights.max())
         axis = int(heaviest[-1])
         axes.append(axis)
-        direction = remaining[axis] / weights[axis]
+        direction = remaining[axis] / np.linalg.norm(remaining[axis])
         remaining = remaining - np.outer(remaining @ direction, direction)
     return tuple(sorted(axes))
 
