@@ -115,7 +115,7 @@ def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> Non
 
 def test_hull_or_arm_in_the_floor_that_is_seen_ends_the_mission(still: Scenario) -> None:
     """Before, only a force told, and only while a minimum altitude was asked for."""
-    depth = size(still.robot.model) / 8
+    depth = min(size(still.robot.model) / 8, 0.03)
     sunk = reasons(still, ActuationFeedback(), 0.7, clearance=-1.01 * depth)
     assert first(sunk) == pytest.approx(0.5, abs=3 * DT)
     assert sunk[-1] == f"hull or arm {depth:.2g} m in the floor that the altimeter shows, or deeper"

@@ -20,6 +20,7 @@ from uvms_ocp.mission_plan import Margins
 from uvms_ocp.robot import list_robots, load_robot
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.size import size
 from uvms_ocp.scenario.preflight.robot_check import check_robot
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.environment import Environment
@@ -136,11 +137,13 @@ def test_what_is_not_stated_is_of_the_size_of_the_robot(name: str, mass: float) 
     robot = load_robot(name)
     same = scaled_robot(name, length)
     assert heaviest_load(same) == pytest.approx(length**3 * heaviest_load(robot))
-    as_is, scaled = (Margins().of(sized) for sized in (robot, same))
-    for lengthy in ("position", "altitude", "links"):
-        expected = length * getattr(as_is, lengthy)
-        assert getattr(scaled, lengthy) == pytest.approx(expected), lengthy
-    assert scaled.angle == as_is.angle
+    margins = Margins().of(same)
+    shares = {"position": (0.08, 0.02), "altitude": (0.04, 0.01), "links": (0.12, 0.03)}
+    for lengthy, (share, largest) in shares.items():
+        expected = min(share * size(same.model), largest)
+        assert getattr(margins, lengthy) == pytest.approx(expected), lengthy
+    given = Margins(position=0.5, altitude=0.0, links=0.7).of(same)
+    assert (given.position, given.altitude, given.links) == (0.5, 0.0, 0.7)
 
 
 @long_without_compiler

@@ -24,7 +24,8 @@ from uvms_ocp.types import Magnitude, Positive
 _CATCH_UP = (
     1.2  # speed of the plan's clock where a goal that moves has begun before its phase in the plan
 )
-_AWAY = 1.2  # sizes of the robot from the plan, at which it is left where no distance is given
+# from the plan, at which it is left where no distance is given: sizes of the robot, and [m] at most
+_AWAY = (1.2, 0.3)
 _LEFT = GuideOutput(v=None)
 
 
@@ -98,7 +99,7 @@ class FollowingTuning:
     """[s] time constant of the correction: noise is not to become acceleration."""
     position: Positive | None = None
     """[m] distance of the vehicle from the plan at which it is left; default: 1.2 times the robot's
-    size, as 0.3 m for 15 kg.
+    size, at most 0.3 m.
     """
     attitude: Positive = 0.3
     """[rad] rotation of the vehicle from the plan at which it is left."""
@@ -137,7 +138,8 @@ class PlanGuide:
         n = robot.n_vehicle
         chosen = self._tuning
         self._gain = np.repeat([chosen.vehicle, chosen.joints], [n, robot.n_joints])
-        position = chosen.position or _AWAY * size(robot.model)
+        share, farthest = _AWAY
+        position = chosen.position or min(share * size(robot.model), farthest)
         self._bounds = np.concatenate(
             [
                 np.repeat([position, chosen.attitude], n // 2),

@@ -311,7 +311,7 @@ class Abort:
     """[s] time for which contact lasts while a minimum altitude is asked for."""
     sunk: Positive | None = None
     """[m] Depth of a corner of the hull, joint or tool in the floor that the altimeter shows, which
-    may slope down by 0.3 from there on; default: an eighth of the robot's size, as 0.03 m for 15 kg.
+    may slope down by 0.3 from there on; default: an eighth of the robot's size, at most 0.03 m.
     """
 
     def __post_init__(self) -> None:

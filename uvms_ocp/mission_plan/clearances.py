@@ -29,9 +29,10 @@ from uvms_ocp.tasks.task import Residual, bounded_residual
 from uvms_ocp.types import Mask
 
 _ROUNDING = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
-_LEVEL = 0.2  # sizes of the robot between heights of a floor, up to which it counts as level
-_MISSED = 0.008  # sizes of the robot by which a plan may fall short of a margin
-_NEAR = 0.04  # sizes of the robot from its margin, from which on a pair of links gets rows
+# sizes of the robot, and [m] at most
+_LEVEL = (0.2, 0.05)  # between heights of a floor, up to which it counts as level
+_MISSED = (0.008, 2e-3)  # by which a plan may fall short of a margin
+_NEAR = (0.04, 0.01)  # from its margin, from which on a pair of links gets rows
 _PAIR_ROWS = 4  # rows per node and pair of links
 
 
@@ -126,7 +127,7 @@ def floor_height(scenario: Scenario, rollout: GreedyRollout) -> float:
     heights = [seafloor.height(float(x), float(y)) for x, y in rollout.q[:, :2]]
     lowest = min(heights)
     highest = max(heights)
-    level = _LEVEL * size(scenario.robot.model)  # [m]
+    level = _length(_LEVEL, scenario.robot)
     if highest - lowest > level:
         problem = f"the floor rises by {highest - lowest:.2g} m along the way"
         raise InvalidInput(f"{problem}; a plan needs one that is level within {level:.2g} m")
@@ -188,9 +189,10 @@ def _links(scene: CollisionScene) -> Mask:
     return np.isfinite(scene.room)
 
 
-def _length(shapes: ShapeClearance) -> float:
-    """Return the size [m] of the robot of shapes."""
-    return size(shapes.scene.coordinates.robot.model)
+def _length(number: tuple[float, float], robot: Robot) -> float:
+    """Return a length [m] that is a share of the robot's size, with the largest that it is [m]."""
+    share, largest = number
+    return min(share * size(robot.model), largest)
 
 
 def obstacle_pairs(shapes: ShapeClearance) -> ShapeClearance:
@@ -217,7 +219,7 @@ def violated_links(shapes: ShapeClearance, trajectory: Trajectory) -> Mask:
     at its nodes and between them.
     """
     largest_shortfall = shortfall(shapes, trajectory, 0.0).max(axis=0)
-    missed = _MISSED * _length(shapes)
+    missed = _length(_MISSED, shapes.scene.coordinates.robot)
     return (largest_shortfall > missed) & _links(shapes.scene)
 
 
@@ -225,7 +227,7 @@ def near_links(shapes: ShapeClearance, trajectory: Trajectory) -> Mask:
     """Return True for pairs (n_pairs,) of links that nearly miss their margins along a
     trajectory.
     """
-    nearer = shapes.margins + _NEAR * _length(shapes)
+    nearer = shapes.margins + _length(_NEAR, shapes.scene.coordinates.robot)
     return violated_links(replace(shapes, margins=nearer), trajectory)
 
 

@@ -63,10 +63,10 @@ _LEEWAY = 1.0
 """[s] Time that a segment may take, however soon the greedy mission is through."""
 
 
-# sizes of the robot, of margins that are not given
-_POSITION = 0.08
-_ALTITUDE = 0.04
-_LINKS = 0.12
+# margins that are not given: sizes of the robot, and [m] at most, as large robots do not stray by more
+_POSITION = (0.08, 0.02)
+_ALTITUDE = (0.04, 0.01)
+_LINKS = (0.12, 0.03)
 
 
 @checked_dataclass()
@@ -74,14 +74,14 @@ class Margins:
     """Margins of thresholds and limits: of each a quarter is left in any case."""
 
     position: Magnitude | None = None
-    """[m] margin of positions and distances; default: 0.08 of the robot's size, as 0.02 m for 15 kg."""
+    """[m] margin of positions and distances; default: 0.08 of the robot's size, at most 0.02 m."""
     angle: Magnitude = 0.01
     """[rad] margin of angles."""
     altitude: Magnitude | None = None
-    """[m] margin of altitudes; default: 0.04 of the robot's size, as 0.01 m for 15 kg."""
+    """[m] margin of altitudes; default: 0.04 of the robot's size, at most 0.01 m."""
     links: Magnitude | None = None
-    """[m] margin of distances between the robot's own links; default: 0.12 of the robot's size, as
-    0.03 m for 15 kg.
+    """[m] margin of distances between the robot's own links; default: 0.12 of the robot's size, at
+    most 0.03 m.
     """
     hold: Magnitude = 0.2
     """[s] time beyond that for which conditions have to hold."""
@@ -90,10 +90,10 @@ class Margins:
         """Return the margins of a robot: shares of its size where none are given."""
         length = size(robot.model)
         return PlanMargins(
-            position=_given(self.position, _POSITION * length),
+            position=_given(self.position, _POSITION, length),
             angle=self.angle,
-            altitude=_given(self.altitude, _ALTITUDE * length),
-            links=_given(self.links, _LINKS * length),
+            altitude=_given(self.altitude, _ALTITUDE, length),
+            links=_given(self.links, _LINKS, length),
             hold=self.hold,
         )
 
@@ -114,9 +114,10 @@ class PlanMargins:
     """[s] time beyond that for which conditions have to hold."""
 
 
-def _given(margin: float | None, default: float) -> float:
-    """Return a margin, or the default where none is given."""
-    return default if margin is None else margin
+def _given(margin: float | None, default: tuple[float, float], length: float) -> float:
+    """Return a margin, or the default of a robot of that size [m] where none is given."""
+    share, largest = default
+    return min(share * length, largest) if margin is None else margin
 
 
 def tightened_limit(limit: float, margin: float) -> float:

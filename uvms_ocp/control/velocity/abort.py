@@ -20,7 +20,8 @@ from uvms_ocp.robot.size import size
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
-_SUNK = 0.125  # sizes of the robot in the floor, where a mission states no depth
+# in the floor, where a mission states no depth: sizes of the robot, and [m] at most
+_SUNK = (0.125, 0.03)
 _SUNK_AFTER = 0.5  # [s] for which arm or hull must be in the floor to be believed
 _GROWTH = 0.1  # share of an error by which it grows where the robot runs away
 _CREST_SPAN = 10.0  # [s] crests are remembered for one to two of it: a swing has one in each
@@ -304,7 +305,8 @@ class AbortMonitor:
         )
         if abort is not None:
             assign(memory, **{name: getattr(abort, name) for name in copied})
-            memory.sunk = abort.sunk or _SUNK * size(robot.model)
+            share, deepest = _SUNK
+            memory.sunk = abort.sunk or min(share * size(robot.model), deepest)
 
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take over the feedback of the force layer."""
