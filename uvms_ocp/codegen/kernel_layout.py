@@ -37,6 +37,159 @@ NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctyp
 """Types of numbers, in Python and in C."""
 
 
+class Layout:
+    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them,
+    layouts, functions and callbacks.
+
+    ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is
+    zero at first.
+    """
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class Sized:
+    """Sizes of an array in a layout, ``Annotated[Vector, Sized(3, "n")]``: numbers, or names that
+    `structure_of` is given.
+    """
+
+    sizes: tuple[int | str, ...]
+
+    def __init__(self, *sizes: int | str) -> None:
+        object.__setattr__(self, "sizes", sizes)
+
+
+Memory = TypeVar("Memory", bound=Layout)
+
+
+def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]) -> type[Memory]:
+    """Return the type of a layout in memory, with the sizes that its arrays and those of its parts
+    are declared with, and functions.
+
+    It is a structure of ctypes with the fields of the layout, and typed as the layout itself.
+
+    A part whose type is made already is given by its name. Raises `InvalidInput` for a size or
+    function that is not given, and a field of another type.
+    """
+    key: Any = layout
+    return cast(type[Memory], _structure(key, tuple(sorted(sizes.items()))))
+
+
+@lru_cache(maxsize=80)
+def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
+    known_sizes = dict(sizes)
+    fields = list[tuple[str, Any]]()
+    arrays = dict[str, tuple[int, ...]]()
+    for name, hint in get_type_hints(layout, include_extras=True).items():
+        fields.append((name, _field(f"{layout.__name__}.{name}", hint, known_sizes)))
+        lengths = _lengths(hint, known_sizes)
+        if lengths:
+            arrays[name] = lengths
+    body = {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__, "_arrays_": arrays}
+    return type(layout.__name__, (ctypes.Structure,), body)
+
+
+def _lengths(hint: Any, sizes: Mapping[str, Any]) -> tuple[int, ...]:
+    """Return the sizes of an array of numbers, which may be 0; nothing for any other field."""
+    if _item(hint) not in NUMBERS:
+        return ()
+    return tuple(_length(size, sizes) for size in _declared(hint))
+
+
+def _declared(hint: Any) -> tuple[int | str, ...]:
+    """Return the sizes with which a field is annotated."""
+    sized: Sized = get_args(hint)[1]
+    return sized.sizes
+
+
+def _length(size: int | str, sizes: Mapping[str, int]) -> int:
+    """Return a size that is a number already, or that of its name."""
+    if isinstance(size, str):
+        return sizes[size]
+    return size
+
+
+def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
+    """Return the type in ctypes of a field; name: of it and its layout, ``Layout.field``."""
+    if hint in NUMBERS:
+        return NUMBERS[hint]
+    field_name = name.rpartition(".")[2]
+    if isinstance(hint, type) and issubclass(hint, Layout):
+        return sizes.get(field_name) or structure_of(hint, **sizes)
+    if hint is CallbackField:
+        return CallbackStructure
+    if hint is FunctionField:
+        return function_structure(_required(name, field_name, sizes))
+    item = _item(hint)
+    if item is None:
+        raise InvalidInput(
+            f"{name} is {hint}; give float, int, bool, a Layout, or a sequence of one of them with"
+            " its Sized"
+        )
+    kind = _field(name, item, sizes)
+    for size in reversed(_declared(hint)):
+        if isinstance(size, str):
+            size = _required(name, size, sizes)
+        kind = kind * max(1, size)  # C knows no empty array
+    return kind
+
+
+def _required(name: str, size_name: str, sizes: Mapping[str, Any]) -> Any:
+    """Return a size or function by its name; raise `InvalidInput` where a field lacks it."""
+    if size_name not in sizes:
+        raise InvalidInput(
+            f"{name} needs {size_name!r}, which is not given; given: {sorted(sizes)}"
+        )
+    return sizes[size_name]
+
+
+def _item(hint: Any) -> Any:
+    """Return the type of the entries of an array, however many dimensions it has; `None` for
+    anything else.
+
+    What may be an expression elsewhere, and is annotated with Any, is numbers here.
+    """
+    if get_origin(hint) is not Annotated or not isinstance(get_args(hint)[1], Sized):
+        return None
+    item = get_args(hint)[0]
+    while get_origin(item) is not None:
+        item = get_args(item)[0]
+    if item is Any:
+        return float
+    return item
+
+
+def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:
+    """Count the entries of each array of one dimension in a layout of nothing else, by name, with
+    the `sizes` given for names.
+    """
+    declared = dict[str, int]()
+    for name, hint in get_type_hints(layout, include_extras=True).items():
+        length, *_ = _declared(hint)
+        declared[name] = _length(length, sizes)
+    return declared
+
+
+# Words of kernels.
+
+
+def zeros(n: int) -> list[float]:
+    """Make a local array of a kernel: n numbers, which is a constant, or the `len` of an array in a
+    layout.
+    """
+    return [0.0] * n
+
+
+def wide(kernel: Kernel) -> Kernel:
+    """Mark a kernel for wider registers where the processor has them: for long loops. The numbers
+    are the same.
+    """
+    WIDE.add(kernel)
+    return kernel
+
+
+# Functions of CasADi in a memory.
+
+
 class FunctionField:
     """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it
     reads first, then what it fills.
@@ -68,6 +221,23 @@ class FunctionStructure(ctypes.Structure):
         for target, values in zip(vectors[n_in:], results, strict=True):
             if target is not None:
                 _numbers(target)[: values.size] = values.ravel(order="F")
+
+
+def _argument(vector: Any, size: tuple[int, int]) -> np.ndarray:
+    """Return the first numbers of a vector as a matrix of this size; zeros for None."""
+    if vector is None:
+        return np.zeros(size)
+    n_rows, n_columns = size
+    return _numbers(vector).ravel()[: n_rows * n_columns].reshape(size, order="F")
+
+
+def _numbers(vector: Any) -> np.ndarray:
+    """Return an array of NumPy on the memory of a structure or array of ctypes, else a copy."""
+    if isinstance(vector, ctypes.Structure):
+        return column_view(vector)
+    if isinstance(vector, ctypes.Array):
+        return np.ctypeslib.as_array(vector)
+    return np.array(vector, dtype=float)
 
 
 @lru_cache(maxsize=48)
@@ -147,29 +317,7 @@ def _with_functions(kind: Any) -> tuple[str, ...]:
     return names
 
 
-def column_view(layout: Any) -> np.ndarray:
-    """Return a layout of nothing but arrays of numbers as one array of them (n,) [any] on the same
-    memory.
-    """
-    n = ctypes.sizeof(layout) // ctypes.sizeof(ctypes.c_double)
-    return np.ctypeslib.as_array((ctypes.c_double * n).from_buffer(layout))
-
-
-def _numbers(vector: Any) -> np.ndarray:
-    """Return an array of NumPy on the memory of a structure or array of ctypes, else a copy."""
-    if isinstance(vector, ctypes.Structure):
-        return column_view(vector)
-    if isinstance(vector, ctypes.Array):
-        return np.ctypeslib.as_array(vector)
-    return np.array(vector, dtype=float)
-
-
-def _argument(vector: Any, size: tuple[int, int]) -> np.ndarray:
-    """Return the first numbers of a vector as a matrix of this size; zeros for None."""
-    if vector is None:
-        return np.zeros(size)
-    n_rows, n_columns = size
-    return _numbers(vector).ravel()[: n_rows * n_columns].reshape(size, order="F")
+# Calls of Python from a kernel.
 
 
 class CallbackField:
@@ -218,119 +366,7 @@ class CallbackBinding:
         return 0
 
 
-@dataclass(frozen=True, slots=True, init=False)
-class Sized:
-    """Sizes of an array in a layout, ``Annotated[Vector, Sized(3, "n")]``: numbers, or names that
-    `structure_of` is given.
-    """
-
-    sizes: tuple[int | str, ...]
-
-    def __init__(self, *sizes: int | str) -> None:
-        object.__setattr__(self, "sizes", sizes)
-
-
-class Layout:
-    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them,
-    layouts, functions and callbacks.
-
-    ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is
-    zero at first.
-    """
-
-
-Memory = TypeVar("Memory", bound=Layout)
-
-
-def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]) -> type[Memory]:
-    """Return the type of a layout in memory, with the sizes that its arrays and those of its parts
-    are declared with, and functions.
-
-    It is a structure of ctypes with the fields of the layout, and typed as the layout itself.
-
-    A part whose type is made already is given by its name. Raises `InvalidInput` for a size or
-    function that is not given, and a field of another type.
-    """
-    key: Any = layout
-    return cast(type[Memory], _structure(key, tuple(sorted(sizes.items()))))
-
-
-@lru_cache(maxsize=80)
-def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
-    known_sizes = dict(sizes)
-    fields = list[tuple[str, Any]]()
-    arrays = dict[str, tuple[int, ...]]()
-    for name, hint in get_type_hints(layout, include_extras=True).items():
-        fields.append((name, _field(f"{layout.__name__}.{name}", hint, known_sizes)))
-        lengths = _lengths(hint, known_sizes)
-        if lengths:
-            arrays[name] = lengths
-    body = {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__, "_arrays_": arrays}
-    return type(layout.__name__, (ctypes.Structure,), body)
-
-
-def _lengths(hint: Any, sizes: Mapping[str, Any]) -> tuple[int, ...]:
-    """Return the sizes of an array of numbers, which may be 0; nothing for any other field."""
-    if _item(hint) not in NUMBERS:
-        return ()
-    sized: Sized = get_args(hint)[1]
-    return tuple(_length(size, sizes) for size in sized.sizes)
-
-
-def _length(size: int | str, sizes: Mapping[str, int]) -> int:
-    """Return a size that is a number already, or that of its name."""
-    if isinstance(size, str):
-        return sizes[size]
-    return size
-
-
-def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
-    """Return the type in ctypes of a field; name: of it and its layout, ``Layout.field``."""
-    if hint in NUMBERS:
-        return NUMBERS[hint]
-    if isinstance(hint, type) and issubclass(hint, Layout):
-        return sizes.get(name.rpartition(".")[2]) or structure_of(hint, **sizes)
-    if hint is CallbackField:
-        return CallbackStructure
-    if hint is FunctionField:
-        return function_structure(_required(name, name.rpartition(".")[2], sizes))
-    item = _item(hint)
-    if item is None:
-        raise InvalidInput(
-            f"{name} is {hint}; give float, int, bool, a Layout, or a sequence of one of them with"
-            " its Sized"
-        )
-    kind = _field(name, item, sizes)
-    for size in reversed(get_args(hint)[1].sizes):
-        if isinstance(size, str):
-            size = _required(name, size, sizes)
-        kind = kind * max(1, size)  # C knows no empty array
-    return kind
-
-
-def _required(name: str, size_name: str, sizes: Mapping[str, Any]) -> Any:
-    """Return a size or function by its name; raise `InvalidInput` where a field lacks it."""
-    if size_name not in sizes:
-        raise InvalidInput(
-            f"{name} needs {size_name!r}, which is not given; given: {sorted(sizes)}"
-        )
-    return sizes[size_name]
-
-
-def _item(hint: Any) -> Any:
-    """Return the type of the entries of an array, however many dimensions it has; `None` for
-    anything else.
-
-    What may be an expression elsewhere, and is annotated with Any, is numbers here.
-    """
-    if get_origin(hint) is not Annotated or not isinstance(get_args(hint)[1], Sized):
-        return None
-    item = get_args(hint)[0]
-    while get_origin(item) is not None:
-        item = get_args(item)[0]
-    if item is Any:
-        return float
-    return item
+# Numbers and arrays of a memory, from Python.
 
 
 def assign(memory: Layout, **values: Any) -> None:
@@ -363,30 +399,12 @@ def _first_entries(shape: tuple[int, ...]) -> tuple[slice, ...]:
     return tuple(slice(size) for size in shape)
 
 
-def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:
-    """Count the entries of each array of one dimension in a layout of nothing else, by name, with
-    the `sizes` given for names.
+def column_view(layout: Any) -> np.ndarray:
+    """Return a layout of nothing but arrays of numbers as one array of them (n,) [any] on the same
+    memory.
     """
-    declared = dict[str, int]()
-    for name, hint in get_type_hints(layout, include_extras=True).items():
-        sized: Sized = get_args(hint)[1]
-        declared[name] = _length(sized.sizes[0], sizes)
-    return declared
-
-
-def zeros(n: int) -> list[float]:
-    """Make a local array of a kernel: n numbers, which is a constant, or the `len` of an array in a
-    layout.
-    """
-    return [0.0] * n
-
-
-def wide(kernel: Kernel) -> Kernel:
-    """Mark a kernel for wider registers where the processor has them: for long loops. The numbers
-    are the same.
-    """
-    WIDE.add(kernel)
-    return kernel
+    n = ctypes.sizeof(layout) // ctypes.sizeof(ctypes.c_double)
+    return np.ctypeslib.as_array((ctypes.c_double * n).from_buffer(layout))
 
 
 def doubles(values: np.ndarray) -> Any:
