@@ -28,11 +28,10 @@ from uvms_ocp.record.row_files import forget
 _SAID_BETTER = (
     (": a pressure in", "read as m"),
     ("a depth of the other sign", "above a surface at 0: z down"),
-    ("differ: two sensors?", "two senders in one channel?"),
 )
 """Pairs of parts of doubts about the same error, of which the second has more evidence."""
-_OF_JUMPS = (" samples, all others ", "are exactly zero", " and back ")
-"""Parts of doubts about single samples to which a channel jumps, which are no second sender."""
+_OF_JUMPS = (" samples, all others ", "are exactly zero", " and back ", "differ: two sensors?")
+"""Parts of doubts about samples to which a channel jumps, after which no other sender is looked for."""
 _MOTION_CHANNELS = {"position", "attitude", "linear_velocity", "angular_velocity", "specific_force"}
 """Channels whose doubts keep a mounting from being estimated."""
 

@@ -97,3 +97,13 @@ def numbers_of_series(values: np.ndarray) -> np.ndarray | None:
     if n_ambiguous > _MAX_AMBIGUOUS * len(values):
         return None
     return numbers
+
+
+def series_keys(values: np.ndarray) -> str:
+    """Write the keys of a mapping that choose one of the series of samples (n, k) [any], such as
+    ``series: 1 or series: 2``; empty where they are not told apart.
+    """
+    numbers = numbers_of_series(values)
+    if numbers is None:
+        return ""
+    return " or ".join(f"series: {k}" for k in range(1, int(numbers.max()) + 1))

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from uvms_ocp.identification.interleaved_series import series_keys
 from uvms_ocp.identification.pressure_units import PRESSURE
 from uvms_ocp.identification.recording import (
     CHANNEL_KINDS,
@@ -170,9 +171,11 @@ def _times(name: str, channel: Channel) -> Iterator[str]:
     share_of_pairs = _pairs(channel)
     is_regular = name not in _SELDOM
     if share_of_pairs > _OFTEN:
+        choice = series_keys(channel.values)
+        cure = f"give rows: {{NAME: VALUE}}, or {choice}" if choice else "give rows: {NAME: VALUE}"
         yield (
             f"{100 * share_of_pairs:.0f} % of its samples follow another at once and differ: two sensors?"
-            " give rows: {NAME: VALUE}"
+            f" {cure}"
         )
     elif is_regular and not _SHORTEST < usual_interval < _LONGEST:
         unit = min(SECONDS, key=lambda unit: abs(np.log(usual_interval * SECONDS[unit] / _LIKELY)))

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from uvms_ocp.identification.interleaved_series import distance_of_series, numbers_of_series
+from uvms_ocp.identification.interleaved_series import distance_of_series, series_keys
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
 
 _SMOOTH = ("position", "attitude", "linear_velocity", "joint_positions")
@@ -31,10 +31,9 @@ def of_senders(recording: Recording, doubted: Collection[str]) -> Iterator[tuple
             distance = np.rad2deg(4.0 * np.arcsin(min(distance / 2.0, 1.0)))
             unit = "deg"
         choice = "give rows that tell them apart, or the topic of one"
-        numbers = numbers_of_series(values)
-        if numbers is not None:
-            listed = " or ".join(f"series: {k}" for k in range(1, int(numbers.max()) + 1))
-            choice = f"give rows that tell them apart, or {listed}"
+        keys = series_keys(values)
+        if keys:
+            choice = f"give rows that tell them apart, or {keys}"
         yield (
             name,
             (
