@@ -63,6 +63,11 @@ def kind_of(path: Path) -> Kind:
         if b".npy" in head:
             return "npz"
         return _archive(path)
+    if path.suffix == ".alog" and head.startswith(b"%"):
+        raise InvalidInput(
+            f"{path}: a log of MOOS, which is not read; turn it into a table, a column for each"
+            " variable that is wanted"
+        )
     if path.suffix == ".tlog" and len(head) > _STAMP and head[_STAMP] in _MAVLINK_STARTS:
         return "tlog"
     if head.startswith(b"\x1f\x8b"):

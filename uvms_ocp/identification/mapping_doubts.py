@@ -26,6 +26,9 @@ _MIN_SAMPLES = 10  # from which on a rate is known
 _EVEN_SHARE = 0.98  # share of intervals that are the usual one, where rows are sent evenly
 _ABOVE_SURFACE = 0.5  # [m] height that no depth has throughout
 _NORM_ERROR = 0.05  # error of the norm of a quaternion that few digits do not explain
+_MIN_INTERVALS = 20  # times from which on it is said that they are intervals
+_LONGEST_INTERVAL = 10.0  # [s] between rows
+_MIN_SHARE_BACK = 0.2  # share of times that are not later than the one before
 _MIN_SHARE = 0.01  # share of samples from which on such norms are no outliers
 
 
@@ -37,6 +40,8 @@ def channel_doubts(
     """
     for remark in table.remarks:
         yield key, remark
+    for text in _interval_doubts(table.values[:, 0]):
+        yield key, text
     if key == "position":
         for text in _depth_doubts(mapping, rows=table.values):
             yield key, text
@@ -138,6 +143,17 @@ def pressure_remarks(
             f"{name} is a pressure in a unit that nothing tells, read as m: give its offset and"
             f" scale, as of kPa {read_in('kPa', np.array([200.0])).keys(sign)}"
         )
+
+
+def _interval_doubts(t: np.ndarray) -> Iterator[str]:
+    """Yield a doubt about times (n,) [s] that are all alike, as intervals between rows are."""
+    t = t[np.isfinite(t)]
+    if len(t) < _MIN_INTERVALS or not 0.0 < t.min() < _LONGEST_INTERVAL:
+        return
+    goes_back = (np.diff(t) <= 0.0).mean() > _MIN_SHARE_BACK
+    if goes_back and np.ptp(np.percentile(t, [5.0, 95.0])) < np.median(t):
+        mean = float(t.mean())
+        yield f"its times are all about {mean:.3g} s: intervals between rows? give time: {mean:.4g}"
 
 
 def _depth_doubts(mapping: ChannelMapping, rows: np.ndarray) -> Iterator[str]:

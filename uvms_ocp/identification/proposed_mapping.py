@@ -302,15 +302,19 @@ def _time(labels: Mapping[str, str], *, of_messages: bool) -> dict[str, Any]:
     """Return the keys that say which field or column is the time; none where no name is known."""
     if of_messages and any(name.startswith("header.stamp") for name in labels):
         return {"time": "header.stamp"}
-    if not of_messages:
-        for seconds, nanoseconds in product(labels, labels):
-            if re.fullmatch(_TABLE["stamp"], f"{seconds} {nanoseconds}"):
-                return {"time": [seconds, nanoseconds]}
     candidates = []
     for name, label in labels.items():
         match = re.fullmatch(_TABLE["time"], _plain(label))
         if match:
             candidates.append((name, match["unit"]))
+    if not of_messages:
+        for seconds, nanoseconds in product(labels, labels):
+            if not re.fullmatch(_TABLE["stamp"], f"{seconds} {nanoseconds}"):
+                continue
+            others = [name for name, _ in candidates if name not in (seconds, nanoseconds)]
+            # Seconds of something else, such as of GPS, are not the time beside a column of times.
+            if not others or "stamp" in seconds or "header" in seconds:
+                return {"time": [seconds, nanoseconds]}
     if not candidates:
         return {}
     # The time of a header comes before that of logging.

@@ -16,6 +16,9 @@ _MISSING = frozenset(
 )
 _TRUTH = {"true": 1.0, "false": 0.0}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
+_WITH_UNIT = re.compile(
+    r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)? ?(?P<unit>[^\W\d_][\w/²³^-]{0,9}|[°%]\w{0,3})"
+)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
 _TIME = re.compile(
@@ -77,6 +80,13 @@ def read_unusual_cell(cell: str, column: str, row: int, time_format: str) -> flo
     if time_format:
         return _formatted_time(cell, column, row, time_format)
     time = _TIME.fullmatch(cell)
+    with_unit = _WITH_UNIT.fullmatch(cell)
+    if not time and with_unit:
+        raise InvalidInput(
+            f"row {row}, column {column!r}: {cell[:40]!r} is a number with {with_unit['unit']!r} behind"
+            " it; numbers alone are read: have units in the header, such as"
+            f" {column} [{with_unit['unit']}]"
+        )
     if not time:
         cell_text = f"row {row}, column {column!r}: {cell[:40]!r} is no number"
         allowed = "numbers, empty cells and times as 2024-05-31T23:59:59.5 or 23:59:59.5 are read"

@@ -372,8 +372,13 @@ def _numbers(
         rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     pending = list[str]()  # the row before, which is whole if another follows
     number = 0
+    n_headers = 0
+    header = [name.strip() for name in layout.names]
     for row in rows:
         if not row or row[0].startswith(("#", "%")):
+            continue
+        if row[0].strip() == header[0] and [cell.strip() for cell in row] == header:
+            n_headers += 1
             continue
         if pending:
             yield from _cells(pending, layout, number, places, words)
@@ -388,6 +393,10 @@ def _numbers(
         )
     elif pending:
         yield from _cells(pending, layout, number, places, words)
+    if n_headers > 0:
+        remarks.append(
+            f"the header stands {n_headers} more times between rows: recordings one after the other?"
+        )
 
 
 def _cells(
