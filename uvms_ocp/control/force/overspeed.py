@@ -22,7 +22,7 @@ from uvms_ocp.robot.signals import SAME_TIME
 
 _TICKS_TO_ACT = 2.0  # until brakes act on what is seen
 _SLOW_TICK = 0.02  # [s] of control from which on a loop catches no arm that is thrown
-_CAUGHT = 1.2  # share of its limit at which a joint is that a quick loop has not caught
+_CAUGHT = 1.1  # share of its limit at which a joint is that a quick loop has not caught
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
 _CARRIED_OFF = 0.5  # share of the limit by which a vehicle is off the velocity that is asked of it
 _DOUBTFUL = 10.0  # [s] after a doubt or a lock for which a posture, or a load, may be another one
