@@ -75,6 +75,9 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     remaining = replace(recording, channels=sound)
     if not any(name in _MOTION_CHANNELS for name, _ in issues):
         misread = list(of_order(remaining)) or list(of_foreign_turns(remaining))
+        # A gyro that stops turns otherwise than the attitude, too.
+        if misread and any((*of_stuck(remaining), *of_stuck_columns(remaining))):
+            misread = []
         issues += misread
         if misread:  # as all else would follow from it
             sound.pop("attitude")

@@ -57,8 +57,10 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
     channels = recording.channels
     if "attitude" not in channels or "linear_velocity" not in channels:
         return None
-    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, WINDOW)
     start, end = recording.span
+    if end - start <= SHIFTS[-1] - SHIFTS[0]:
+        return None
+    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, WINDOW)
     t = t[(t > start - SHIFTS[0]) & (t < end - SHIFTS[-1])]
     if len(t) < _MIN_SAMPLES:
         return None
