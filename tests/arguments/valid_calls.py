@@ -227,7 +227,7 @@ def path_plan() -> planning.CollisionPlan:
     from uvms_ocp.planning.path_cost import CostParts
     from uvms_ocp.planning.scene import NearestPair
 
-    nearest = NearestPair(distance=1.0, time=0.0, pair=scene().pairs[0])
+    nearest = NearestPair(distance=1.0, time=0.0, pair=scene().pairs[0].name)
     report = ClearanceReport(collision_free=True, undecided=False, nearest=nearest, n_samples=3)
     return planning.CollisionPlan(
         trajectory=motion(),

@@ -88,6 +88,23 @@ def test_a_drawn_robot_neither_flees_nor_touches_nor_swings_unseen(
     check(rows_of(range(seed, seed + 1), flies=True))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [42, 78, 276])
+def test_what_was_refused_without_need_is_flown(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lift that comes with a pitch was called none, and roll and pitch that go together no axes."""
+    monkeypatch.setenv("UVMS_OCP_CFLAGS", "-O0")  # what is compiled runs once
+    (row,) = rows_of(range(seed, seed + 1), flies=True)
+    assert (row["outcome"], row["wrong"]) == ("completed", ""), row
+
+
+@pytest.mark.slow
+def test_a_refusal_that_is_true_is_none_without_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UVMS_OCP_CFLAGS", "-O0")  # what is compiled runs once
+    (row,) = rows_of(range(20, 21), flies=True)
+    assert (row["outcome"], row["wrong"]) == ("refused", "")
+    assert row["flown"].startswith("gave up")
+
+
 def test_what_is_drawn_is_within_what_is_said(tmp_path: Path) -> None:
     bodies = [drawn_body(np.random.default_rng(seed)) for seed in range(200)]
     assert {len(body.arms) for body in bodies} == {0, 1, 2}

@@ -99,14 +99,14 @@ LEVEL = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for
     ("thrusters", "said"),
     [
         ((*LEVEL, (0.0, 0.2, 0.1, 0, 0, 1), (0.0, -0.2, 0.1, 0, 0, 1)), ""),
-        ((*LEVEL, (0.2, 0.2, 0.1, 0, 0, 1), (-0.2, -0.2, 0.1, 0, 0, 1)), "which takes 1.0 rad of "),
+        ((*LEVEL, (0.2, 0.2, 0.1, 0, 0, 1), (-0.2, -0.2, 0.1, 0, 0, 1)), ""),
         (
             ((0.0, 0.0, 0.0, 1, 0, 0), (0.0, 0.0, 0.0, 0, 1, 0), (0.0, 0.0, 0.0, 0, 0, 1)),
             "no thruster drives yaw, and nothing rights it",
         ),
     ],
 )
-def test_free_motions_are_roll_and_pitch_or_refused(
+def test_free_motions_that_weight_rights_are_accepted_and_others_refused(
     thrusters: tuple[tuple[float, ...], ...], said: str
 ) -> None:
     findings = (

@@ -121,7 +121,10 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def tasks_of(self, phase: int) -> tuple[Task, ...]:
-        """Return all tasks with the goals that they have in a phase, highest priority first."""
+        """Return all tasks with the goals that they have in a phase, highest priority first. Raises
+        `InvalidInput` for the index of none.
+        """
+        _require_index("phase", phase, len(self._tasks))
         return self._tasks[phase]
 
     @property
@@ -196,8 +199,9 @@ class Mission(TableDisplay):
 
     def references_of(self, phase: int) -> GoalFunctions:
         """Return the goals of all tasks in a phase, highest priority first, but for one that is
-        made as the phase begins.
+        made as the phase begins. Raises `InvalidInput` for the index of no phase.
         """
+        _require_index("phase", phase, len(self._references))
         return self._references[phase]
 
     @checked_on_failure
@@ -264,8 +268,10 @@ class Mission(TableDisplay):
 
     def has_ascent_goal(self, phase: int, task: int) -> bool:
         """Check for a task whose goal is made as a phase begins: the ascent task in the abort
-        phase.
+        phase. Raises `InvalidInput` for the index of no phase or task.
         """
+        _require_index("phase", phase, len(self._tasks))
+        _require_index("task", task, len(self.hierarchy.tasks))
         return (
             self.abort is not None
             and phase == len(self.phases)
@@ -481,6 +487,12 @@ def closure(names: set[str], edges: Mapping[str, set[str]]) -> set[str]:
                 reached.add(successor)
                 waiting.append(successor)
     return reached
+
+
+def _require_index(name: str, index: int, count: int) -> None:
+    """Raise `InvalidInput` for the index of no phase or task."""
+    if not 0 <= index < count:
+        raise InvalidInput(f"{name} {index} given; allowed: 0 to {count - 1}, in their order")
 
 
 def _state(name: str, index: int) -> str:

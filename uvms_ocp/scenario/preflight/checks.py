@@ -18,7 +18,7 @@ from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, spatial, static_balance, u
 from uvms_ocp.scenario.preflight import forces, reachability, robot_check, undriven_axes
 from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals
 from uvms_ocp.scenario.preflight.collisions import check_hull, check_obstacles
-from uvms_ocp.scenario.preflight.delays import check_delays
+from uvms_ocp.scenario.preflight.delays import check_delays, check_period
 from uvms_ocp.scenario.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.scenario.preflight.phase_forecast import Visit, forecast, threshold_of
 from uvms_ocp.scenario.preflight.setup import Setup
@@ -199,6 +199,7 @@ def check_mission(setup: Setup) -> PreflightReport:
 def _check_wherever(setup: Setup) -> Iterator[Finding]:
     """Yield findings that hold wherever the mission leads."""
     for check in (
+        check_period,
         check_unspecified,
         check_inertia,
         check_own_parts,

@@ -1,5 +1,5 @@
 """Check that control loops stay stable with sensors as late as they are, while they carry weight and
-buoyancy.
+buoyancy, and closed as seldom as they are.
 """
 
 from __future__ import annotations
@@ -10,7 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.force.velocity_law import CONTROLLER_DEAD_TIME, dead_times, largest_dead_time
+from uvms_ocp.control.force.velocity_law import (
+    CONTROLLER_DEAD_TIME,
+    DeadTimes,
+    bandwidth_derating,
+    dead_times,
+    largest_dead_time,
+)
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.arm_reach import ArmReach
 from uvms_ocp.scenario.preflight.findings import Finding, Severity
@@ -22,6 +28,9 @@ from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 DELAYS = "delays"
 _MARGIN = 1.25  # dead time up to which the loops are stable, over the known one
 _STEP = 1e-5  # [m, rad] of the difference quotients
+# of the bandwidth of joints that a control period leaves at least: with less arms swing, are caught by their
+# brakes, and pass their limits of velocity; with a fifth of it drawn arms do neither
+_LEAST_BANDWIDTH = 0.2
 
 
 def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding]:
@@ -58,6 +67,25 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
     severity = Severity.ERROR if worst.delay > swings_from else Severity.WARNING
     figures = {"delay_s": worst.delay, "allowed_s": allowed, "swings_from_s": swings_from}
     yield severity.finding(DELAYS, text, phase, **figures)
+
+
+def check_period(setup: Setup) -> Iterator[Finding]:
+    """Check that the control period leaves the loops of joints a bandwidth with which they are held."""
+    if not setup.with_forces or not setup.robot.n_joints or "controller" in setup.own_parts:
+        return
+    gains = setup.gains
+    kept = bandwidth_derating(
+        DeadTimes(), vehicle=gains.vehicle, joints=gains.joints, dt=setup.dt
+    ).joints
+    if kept >= _LEAST_BANDWIDTH:
+        return
+    longest = setup.dt * kept / _LEAST_BANDWIDTH
+    text = (
+        f"a control period of {setup.dt:.3g} s leaves the loops of joints {100 * kept:.0f} % of their bandwidth"
+        f" of {gains.joints:.3g}/s: arms swing until brakes catch them; take {longest:.2g} s or less, or"
+        " gains as slow"
+    )
+    yield Severity.ERROR.finding("control period", text, dt_s=setup.dt, longest_s=longest)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -30,6 +30,8 @@ _UNDRIVEN = "axes without thrust"
 _SWAY = 1  # numbers of the vehicle's axes
 _HEAVE = 2
 _LINEAR = 3  # how many of them are lengths
+_ROLL = 3
+_PITCH = 4
 _YAW = 5
 
 _REST_SHARE = 0.5  # of what a phase allows, by which the vehicle is off its depth at rest at most
@@ -167,21 +169,27 @@ def _left_out_finding(phase: Phase, task: attitude.AngleTask, turns: str) -> Fin
 
 
 def _check_free_turn(axis: int, motion: np.ndarray) -> Iterator[Finding]:
-    """Check that an undriven turn is one that weight and buoyancy right, about an axis of its own.
+    """Check that an undriven turn is one that weight and buoyancy right, and takes no heading along.
+
+    Roll and pitch that go together are both righted: nine of ten drawn vehicles of that kind arrived when
+    they were flown. Of nine whose heading goes with a tilt four did with thrust to spare.
 
     motion: (6,) free motion of the vehicle with a unit of that turn.
     """
-    coupled = {}
-    for k in range(_LINEAR, 6):
-        if k != axis:
-            coupled[AXES[k]] = abs(float(motion[k]))
-    largest = max(coupled, key=lambda name: coupled[name])
+    severity = Severity.ERROR
+    other = _PITCH if axis == _ROLL else _ROLL
     if axis == _YAW:
         reason = "and nothing rights it: the vehicle turns as it likes"
-    elif coupled[largest] > _LARGEST_COUPLING:
+    elif abs(motion[_YAW]) > _LARGEST_COUPLING:
         reason = (
-            f"which takes {coupled[largest]:.1f} rad of {largest} along for each of its own: they"
-            " are no two axes"
+            f"which takes {abs(motion[_YAW]):.1f} rad of {AXES[_YAW]} along for each of its own: they are"
+            " no two axes"
+        )
+    elif abs(motion[other]) > _LARGEST_COUPLING:
+        severity = Severity.WARNING
+        reason = (
+            f"which takes {abs(motion[other]):.1f} rad of {AXES[other]} along for each of its own: they"
+            " swing together until weight rights them"
         )
     else:
         return
@@ -189,4 +197,4 @@ def _check_free_turn(axis: int, motion: np.ndarray) -> Iterator[Finding]:
         f"no thruster drives {AXES[axis]}, {reason}; place thrusters elsewhere, or give it more of"
         " them"
     )
-    yield Severity.ERROR.finding(_UNDRIVEN, text)
+    yield severity.finding(_UNDRIVEN, text)
