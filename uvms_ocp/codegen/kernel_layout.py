@@ -417,3 +417,11 @@ def view(array: Any) -> np.ndarray:
     takes long.
     """
     return np.ctypeslib.as_array(array)
+
+
+def number_in_memory(memory: Layout, name: str) -> np.ndarray:
+    """Return a number of a structure as an array () of NumPy on the same memory."""
+    structure: Any = type(memory)
+    array_type = dict(structure._fields_)[name] * 1
+    place = array_type.from_buffer(memory, getattr(structure, name).offset)
+    return view(place).reshape(())

@@ -1,26 +1,56 @@
-"""Run kernels one after the other, again and again, with a row of numbers after each pass: Python
-is asked once for many.
+"""Run steps one after the other, again and again, with a row of numbers after each pass: kernels in
+machine code for many passes at once, and between them functions of Python, which are called.
 """
 
 from __future__ import annotations
 
 import ctypes
-import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
+from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from uvms_ocp.codegen.libraries import compile_library
 from uvms_ocp.codegen.loading import loaded_library
-from uvms_ocp.errors import InvalidInput
 
-Step = tuple[Any, ...]
-"""A kernel of `bind_kernels`, and up to four memories that it works on."""
+
+class Step(NamedTuple):
+    """A step of a sequence."""
+
+    name: str
+    """What it is called, once in a sequence."""
+    kernel: Callable[..., Any]
+    """A kernel of `bind_kernels`, or any function of Python."""
+    memories: tuple[Any, ...] = ()
+    """Up to four memories that the kernel works on, its arguments in order."""
+
+
+class Elapsed(NamedTuple):
+    """Time [s] that steps of the last pass took, as a number of a row."""
+
+    first: str
+    """Name of the first of these steps."""
+    last: str
+    """Name of the last one, which is included."""
+
+
+Source = np.ndarray | Elapsed
+"""What a series of a row is copied from after each pass: an array that stays where it is, or a time."""
+
+GO = 0
+"""Passes go on."""
+LOOK = 1
+"""Passes end after this one, whose row is left."""
+DIVERGED = 2
+"""Passes end within this one, whose row is left."""
+RAISED = 3
+"""Passes end within this one: a function of Python has raised."""
+
 _SOURCE = (files("uvms_ocp.codegen") / "sequence.c").read_text(encoding="utf-8")
-_MEMORIES = 4
+_N_MEMORIES = 4
 """Largest number of memories that a kernel works on."""
 # How numbers get into a row, as sequence.c counts the ways.
 _SAME = 0
@@ -33,13 +63,18 @@ _CONVERSIONS = {
 }
 """Codes of conversions, by the types from and to."""
 _DIFFERENCE = 4
-"""Code of the difference from the value of the step before, for a time."""
+"""Code of the difference from the value of another step, for a time."""
+_CALL = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * _N_MEMORIES)
+
+
+_MACHINE_CODE: Any = _CALL.__base__
+"""Class of the functions of libraries."""
 
 
 class _Step(ctypes.Structure):
     """A kernel and its memories, as sequence.c has them."""
 
-    _fields_ = (("kernel", ctypes.c_void_p), ("memory", ctypes.c_void_p * _MEMORIES))
+    _fields_ = (("kernel", ctypes.c_void_p), ("memory", ctypes.c_void_p * _N_MEMORIES))
 
 
 class _Column(ctypes.Structure):
@@ -57,61 +92,102 @@ class _Column(ctypes.Structure):
     )
 
 
-class Elapsed:
-    """Time [s] that steps of the last pass took, as a number of a row."""
+class StepSequence:
+    """Passes of steps over memories that stay where they are. Not for use from two threads at once.
 
-    def __init__(self, first: int, last: int) -> None:
-        """first, last: indices of steps, the last included."""
-        self.first = first
-        self.n = last + 1 - first
-
-
-class KernelSequence:
-    """Passes of kernels over memories that stay where they are. Not for use from two threads at
-    once.
+    Without a compiler Python calls the steps and writes the rows, with the same numbers.
     """
 
     def __init__(self, steps: Sequence[Step], stop: np.ndarray) -> None:
-        """stop (), a whole number of C in one of the memories: it ends the passes where it is not
-        0, after the pass, whose row is not written, or at once above 1. Raises `InvalidInput` for
-        kernels that are not in machine code.
+        """stop (), a whole number of C in one of the memories: it ends the passes where it is
+        `LOOK` or more; a step sets it back to `GO`.
         """
-        if not compiles(steps):
-            raise InvalidInput("kernels in Python; a sequence takes those that are compiled")
-        self._table = (_Step * len(steps))(*map(_in_c, steps))
-        self._clock = np.zeros(len(steps) + 1)
+        self._steps = tuple(steps)
+        self._place = {step.name: k for k, step in enumerate(steps)}
         self._stop = stop
-        self._kept: tuple[Any, ...] = tuple(steps)
+        self._clock = np.zeros(len(steps) + 1)
+        self._raised = _Raised()
+        self._rows: tuple[tuple[Source, np.ndarray], ...] = ()
+        self._run = _runner()
+        # Of functions that C calls nothing else keeps hold.
+        self._callbacks: list[Any] = []
+        self._table = (_Step * len(steps))(*map(self._in_c, steps))
         self._columns = (_Column * 0)()
 
-    def write_rows(
-        self, sources: Mapping[str, np.ndarray | Elapsed], block: Mapping[str, np.ndarray]
-    ) -> None:
+    def write_rows(self, sources: Mapping[str, Source], block: Mapping[str, np.ndarray]) -> None:
         """Write numbers of the memories, (...) by name, or what steps took, into the rows of the
         same names, (n_rows, ...).
         """
-        columns = [self._column(source, block[name]) for name, source in sources.items()]
+        self._rows = tuple((source, block[name]) for name, source in sources.items())
+        columns = [self._column(source, rows) for source, rows in self._rows]
         self._columns = (_Column * len(columns))(*columns)
-        self._kept = (*self._kept, sources, block)
 
     def run(self, n: int, row: int, *, done: bool = False) -> int:
         """Make up to n passes, and write their rows from this one on; return how many rows were
         written.
 
-        done: the first pass has been made already, by the last call, which it ended.
+        done: the first pass has been made already, by the last call, which it ended. Raises what a
+        function of Python raises.
         """
-        tables = (len(self._table), self._table, len(self._columns), self._columns)
-        stop = ctypes.c_void_p(self._stop.ctypes.data)
-        clock = ctypes.c_void_p(self._clock.ctypes.data)
-        return int(_runner()(n, ctypes.c_longlong(row), int(done), *tables, stop, clock))
+        if self._run is None:
+            written = self._run_in_python(n, row, done=done)
+        else:
+            tables = (len(self._table), self._table, len(self._columns), self._columns)
+            stop = ctypes.c_void_p(self._stop.ctypes.data)
+            clock = ctypes.c_void_p(self._clock.ctypes.data)
+            written = int(self._run(n, ctypes.c_longlong(row), int(done), *tables, stop, clock))
+        self._raised.check()
+        return written
 
-    def _column(self, source: np.ndarray | Elapsed, rows: np.ndarray) -> _Column:
+    def _run_in_python(self, n: int, row: int, *, done: bool) -> int:
+        """Do what sequence.c does."""
+        for k in range(n):
+            if not done and self._pass() != GO:
+                return k
+            done = False
+            for source, rows in self._rows:
+                rows[row + k] = self.value(source)
+        return n
+
+    def _pass(self) -> int:
+        """Make one pass; return how it ended."""
+        for k, step in enumerate(self._steps):
+            self._clock[k] = perf_counter()
+            step.kernel(*step.memories)
+            if self._stop > LOOK:
+                break
+        self._clock[-1] = perf_counter()
+        return int(self._stop)
+
+    def value(self, source: Source) -> Any:
+        """Return what a row has of a source after the last pass."""
+        if isinstance(source, Elapsed):
+            first, last = self._places(source)
+            return self._clock[last] - self._clock[first]
+        return source.copy()[()]
+
+    def _places(self, elapsed: Elapsed) -> tuple[int, int]:
+        """Return where the time begins and ends in the clock."""
+        return self._place[elapsed.first], self._place[elapsed.last] + 1
+
+    def _in_c(self, step: Step) -> _Step:
+        """Return the addresses of a kernel and its memories."""
+        kernel = step.kernel
+        if not isinstance(kernel, _MACHINE_CODE):
+            kernel = _CALL(_call_of(step, self._stop, self._raised))
+            self._callbacks.append(kernel)
+        addresses = [ctypes.addressof(memory) for memory in step.memories]
+        return _Step(
+            ctypes.cast(kernel, ctypes.c_void_p), (ctypes.c_void_p * _N_MEMORIES)(*addresses)
+        )
+
+    def _column(self, source: Source, rows: np.ndarray) -> _Column:
         to = rows.ctypes.data
         stride = rows.strides[0]
         if isinstance(source, Elapsed):
-            return _Column(
-                self._clock.ctypes.data + 8 * source.first, to, 8, stride, source.n, _DIFFERENCE
-            )
+            first, last = self._places(source)
+            begin = self._clock.ctypes.data + 8 * first
+            return _Column(begin, to, 8, stride, last - first, _DIFFERENCE)
         if source.dtype == rows.dtype:
             kind = _SAME
         else:
@@ -119,18 +195,35 @@ class KernelSequence:
         return _Column(source.ctypes.data, to, source.nbytes, stride, source.size, kind)
 
 
-def compiles(steps: Sequence[Step]) -> bool:
-    """Check that all kernels are in machine code, and what runs them can be."""
-    if any(inspect.isfunction(kernel) for kernel, *_ in steps):
-        return False
-    return _runner() is not None
+class _Raised:
+    """What a function of Python has raised, which C does not pass on."""
+
+    __slots__ = ("error",)
+
+    def __init__(self) -> None:
+        self.error: BaseException | None = None
+
+    def check(self) -> None:
+        """Raise it, once."""
+        error = self.error
+        self.error = None
+        if error is not None:
+            raise error
 
 
-def _in_c(step: Step) -> _Step:
-    """Return the addresses of a kernel and its memories."""
-    kernel, *memories = step
-    addresses = [ctypes.addressof(memory) for memory in memories]
-    return _Step(ctypes.cast(kernel, ctypes.c_void_p), (ctypes.c_void_p * _MEMORIES)(*addresses))
+def _call_of(step: Step, stop: np.ndarray, raised: _Raised) -> Callable[..., None]:
+    """Return the function that C calls for a step in Python."""
+    kernel = step.kernel
+    memories = step.memories
+
+    def call(*addresses: int) -> None:
+        try:
+            kernel(*memories)
+        except BaseException as error:
+            raised.error = error
+            stop[...] = RAISED
+
+    return call
 
 
 @lru_cache(maxsize=1)

@@ -386,7 +386,12 @@ class Estimator(TableDisplay):
         """Standard deviations (n_v,) [m, rad] of the estimated q: position in W, attitude in B,
         joints.
         """
-        return self.memory.std[6 - self._n_vehicle :].copy()
+        return self.std_in_memory.copy()
+
+    @property
+    def std_in_memory(self) -> np.ndarray:
+        """The same on the memory of the kernel."""
+        return np.asarray(self.memory.std[6 - self._n_vehicle :])
 
     def _elapsed(self, t: float) -> float:
         if not abs(t) <= _LATEST:

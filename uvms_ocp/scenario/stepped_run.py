@@ -11,7 +11,7 @@ from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.robot.signals import SAME_TIME, Command, Readings, State, StateEstimate
 from uvms_ocp.scenario.part_factories import MissionController
 from uvms_ocp.scenario.scenario_run import RunParts, ScenarioRun
-from uvms_ocp.sim.loop import SingleTicks, has_diverged
+from uvms_ocp.sim.loop import Loop, has_diverged
 from uvms_ocp.types import Finite
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class SteppedRun:
         self._scenario = scenario
         self._parts = parts
         self._run = ScenarioRun(scenario, parts)
-        self._ticks = SingleTicks(
+        self._loop = Loop(
             plant=parts.plant,
             sensors=parts.sensors,
             estimator=parts.estimator,
@@ -39,6 +39,11 @@ class SteppedRun:
             kept_readings=self._run.reading_sizes(),
         )
 
+        self._t = 0.0
+        self._readings: Readings | None = None
+        self._estimate: StateEstimate | None = None
+        self._command: Command | None = None
+
     def __repr__(self) -> str:
         end = ", finished" if self.finished else ""
         return f"SteppedRun of {self._scenario.name} at t = {self.t:g} s{end}"
@@ -46,27 +51,27 @@ class SteppedRun:
     @property
     def t(self) -> float:
         """Time [s] of the newest tick; 0 before the first."""
-        return self._ticks.t
+        return self._t
 
     @property
     def state(self) -> State:
         """True state, a control period after the newest tick."""
-        return self._parts.plant.state
+        return self._loop.state()
 
     @property
     def readings(self) -> Readings | None:
         """Newest reading of every channel at the newest tick; `None` before the first."""
-        return self._ticks.readings
+        return self._readings
 
     @property
     def estimate(self) -> StateEstimate | None:
         """Estimate at the newest tick; `None` before the first."""
-        return self._ticks.estimate
+        return self._estimate
 
     @property
     def command(self) -> Command | None:
         """Command of the newest tick; `None` before the first."""
-        return self._ticks.command
+        return self._command
 
     @property
     def controller(self) -> MissionController:
@@ -90,10 +95,15 @@ class SteppedRun:
         """
         if self.finished:
             raise InvalidInput(f"the run is finished at t = {self.t:g} s; begin another simulation")
-        command = self._ticks.decide()
-        self._run.look(self.state)
+        loop = self._loop
+        loop.advance(1)
+        self._t = loop.t
+        self._readings = loop.readings()
+        self._estimate = loop.estimate()
+        self._command = command = loop.command()
+        self._run.look(loop.state())
         if not command.finished:
-            self._ticks.move()
+            loop.move()
         return command
 
     @checked
@@ -119,4 +129,4 @@ class SteppedRun:
         if self.command is None:
             raise InvalidInput("no tick yet; take a step first")
         is_over = self.finished or self.t + self._scenario.dt > self._scenario.duration + SAME_TIME
-        return self._run.record_of(self._ticks.recorder, stopped_by_hand=not is_over)
+        return self._run.record_of(self._loop.recorder, stopped_by_hand=not is_over)

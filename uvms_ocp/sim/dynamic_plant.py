@@ -4,6 +4,7 @@ pushes back.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -140,10 +141,15 @@ class DynamicPlant(Plant):
         Raises `InvalidInput` for a command without thrust or torque, or with some that are not
         finite or of another number.
         """
-        self._ask(command)
+        self.ask(command)
         self.begin(dt)
         self._advance(self.memory)
         self.adopt()
+
+    @property
+    def is_compiled(self) -> bool:
+        """True where the plant moves as machine code."""
+        return not inspect.isfunction(self._advance)
 
     def begin(self, dt: Period) -> None:
         """Have the kernel go on from the present state, by periods of dt [s], with the faults that
@@ -185,8 +191,8 @@ class DynamicPlant(Plant):
             telemetry["current"] = arrays.u[:3]
         return telemetry
 
-    def _ask(self, command: Command) -> None:
-        """Write down what the command asks for."""
+    def ask(self, command: Command) -> None:
+        """Take down the thrust and torque that a command asks for. Raises as `step`."""
         thrust = command.thrust
         torque = command.torque
         if thrust is None or torque is None:

@@ -7,21 +7,23 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, replace_unchecked
+from uvms_ocp.codegen.kernel_layout import number_in_memory
+from uvms_ocp.codegen.sequence import DIVERGED, LOOK, Elapsed, Source, StepSequence
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt
 from uvms_ocp.record.recorder import Recorder
-from uvms_ocp.robot.signals import CHANNELS, Command, Reading, Readings, State, StateEstimate
-from uvms_ocp.sim.compiled_loop import Watch, compiled_loop, require_kept
+from uvms_ocp.robot.signals import CHANNELS, Command, Readings, State, StateEstimate
 from uvms_ocp.sim.loop_kernels import FARTHEST
 from uvms_ocp.sim.plant import Plant
+from uvms_ocp.sim.sampling import N_DRAWN
+from uvms_ocp.sim.tick import Tick
 from uvms_ocp.types import Count, Positive
 
 _log = logging.getLogger(__name__)
@@ -38,6 +40,12 @@ TickObserver = Callable[[float, State, Command], None]
 """Callback with the time [s], the true state and the command of a tick, which it must not
 change.
 """
+Watch = Callable[[float, State], None]
+"""Callback with time [s] and true state after events, and every few ticks."""
+LookingOn = Callable[[State, Command], None]
+"""Callback with the true state and the command of a tick."""
+_FLAGS = ("brakes", "saturated")
+_CODES = ("health", "thruster_health", "joint_health")
 
 MOST_TICKS = 4_000_000
 """Ticks of a run whose record is kept in memory, about 2.4 kB each."""
@@ -72,10 +80,10 @@ def simulate(
     many numbers each has; with them goes whether the brakes were locked, so that an estimator can
     be run again over the record. `progress` is called after every tick with the time and the
     command, `observer` with the true state too; `watch`, with time and true state, after ticks in
-    which anything happened, and every few others. Where only that looks on, fresh parts of the
-    toolkit run in machine code for many ticks at once (`uvms_ocp.sim.compiled_loop`), with the same
-    numbers. recorder: by default one that keeps all in memory. Where the plant `has_diverged`, the
-    rows before it are what there is.
+    which anything happened, and every few others. Parts of the toolkit run in machine code, for
+    many ticks at once where nobody looks on at every one; others are asked
+    (`uvms_ocp.sim.tick`). recorder: by default one that keeps all in memory. Where the plant
+    `has_diverged`, the rows before it are what there is.
 
     Raises `NameNotFound` for channels that there are not, `InvalidInput` for readings of other
     sizes and for more ticks than ordinary memory holds, and `Interrupted`, whose result is the
@@ -93,39 +101,27 @@ def simulate(
         require_known("channel", name, CHANNELS)
     recorder = recorder or Recorder()
     stops = list[object]()
-    n_ticks = round(duration / dt) + 1
-    single = progress is not None or observer is not None
-    if single:
-        quick = None
-    else:
-        quick = compiled_loop(plant, sensors, estimator, controller, dt)
+    loop = Loop(
+        plant=plant,
+        sensors=sensors,
+        estimator=estimator,
+        controller=controller,
+        dt=dt,
+        kept_readings=kept_readings or {},
+        recorder=recorder,
+    )
+    looking_on = None
+    if progress is not None or observer is not None:
+
+        def looking_on(state: State, command: Command) -> None:
+            if progress is not None:
+                progress(loop.t, command)
+            if observer is not None:
+                observer(loop.t, state, command)
+
     # A planner within a tick passes the interrupt on.
     with on_interrupt(stops.append), suppress(Interrupted):
-        if quick is not None:
-            quick.run(n_ticks, recorder, kept_readings or {}, watch or _watch_nothing, stops)
-            n_ticks = 0
-        ticks = SingleTicks(
-            plant=plant,
-            sensors=sensors,
-            estimator=estimator,
-            controller=controller,
-            dt=dt,
-            kept_readings=kept_readings,
-            recorder=recorder,
-        )
-        for _ in range(n_ticks):
-            command = ticks.decide()
-            if progress is not None:
-                progress(ticks.t, command)
-            if observer is not None:
-                observer(ticks.t, plant.state, command)
-            if watch is not None:
-                watch(ticks.t, plant.state)
-            if command.finished or stops:
-                break
-            ticks.move()
-            if has_diverged(plant.state):
-                break
+        loop.run(round(duration / dt) + 1, watch or _watch_nothing, looking_on, stops)
     if has_diverged(plant.state):
         when = recorder.last("t")
         _log.warning(
@@ -139,10 +135,8 @@ def simulate(
     return recorder
 
 
-class SingleTicks:
-    """The ticks of one run, one by one: each decides on a command and records it, and then the
-    plant moves.
-    """
+class Loop:
+    """Ticks of one run: `Tick` as a sequence, whose rows go to a recorder."""
 
     def __init__(
         self,
@@ -153,127 +147,175 @@ class SingleTicks:
         controller: Controller,
         dt: float,
         recorder: Recorder,
-        kept_readings: Mapping[str, Count] | None = None,
+        kept_readings: Mapping[str, Count],
     ) -> None:
-        """plant, sensors, estimator, controller: fresh ones. dt [s]: control period. kept_readings:
-        channels whose new readings are recorded, and how many numbers each has.
+        """plant, sensors, estimator, controller: of this run alone. dt [s]: control period.
+        kept_readings: channels whose new readings are recorded, and how many numbers each has.
         """
-        self.plant = plant
         self.recorder = recorder
-        self.t = 0.0
-        """Time [s] of the newest tick; 0 before the first."""
-        self.readings: Readings | None = None
-        """Readings of the sensors at the newest tick."""
-        self.estimate: StateEstimate | None = None
-        """What the estimator made of it."""
-        self.command: Command | None = None
-        """What the controller asked for."""
-        self._sensors = sensors
-        self._estimator = estimator
-        self._controller = controller
-        self._dt = dt
-        self._n_ticks = 0
-        self._keeps_readings = bool(kept_readings)
-        self._new_readings = _NewReadings(kept_readings or {})
+        self._tick = Tick(
+            plant=plant,
+            sensors=sensors,
+            estimator=estimator,
+            controller=controller,
+            dt=dt,
+            kept_readings=kept_readings,
+        )
+        self._tick.plant.begin()
+        self._sequence: StepSequence | None = None
+        """The steps, as far as the plant has not become another one by a fault."""
+        self._has_rows = False
+        """The series of a row are known: that is after the first tick."""
+        self._n_looked = 0
+        """Ticks that the controller's `look` has seen."""
 
-    def decide(self) -> Command:
-        """Read, estimate and control at the time of the next tick, and record the row; return the
-        command. Raises `InvalidInput` for what cannot be recorded.
+    @property
+    def t(self) -> float:
+        """Time [s] of the newest tick; 0 before the first."""
+        return self._tick.memory.t
+
+    def run(
+        self,
+        n_ticks: int,
+        watch: Watch,
+        looking_on: LookingOn | None,
+        stops: Sequence[object],
+    ) -> None:
+        """Run so many ticks, or until the controller says that all is over, the plant diverges, or
+        there are stops; after the last the plant moves once more.
+
+        looking_on: called at every tick. watch: see `simulate`.
         """
-        self.t = self._n_ticks * self._dt
-        self._n_ticks += 1
-        state = self.plant.state
-        self.readings = self._sensors(state, self.t)
-        self.estimate = self._estimator(self.readings, self.t, self.command)
-        begin = perf_counter()
-        self.command = self._controller(self.estimate, self.t)
-        spent = perf_counter() - begin
-        telemetry = self.plant.telemetry()
-        asked_thrust = _asked_thrust(self.command, telemetry, self.recorder)
-        measured = {}
-        if self._keeps_readings:
-            measured = self._new_readings(self.readings) | {"brakes": self.command.brakes}
-        row = _row(self.t, state, self.estimate, self.command, asked_thrust, measured)
-        row.setdefault("controller_time", spent)  # one that measures itself knows better
-        row.update(telemetry)
-        self.recorder.append(row)
-        return self.command
+        n_done = 0
+        while n_done < n_ticks:
+            most = 1 if looking_on is not None or stops else n_ticks - n_done
+            n_rows = self.advance(most)
+            if self.has_diverged:
+                return
+            n_done += n_rows
+            state = self.state()
+            if looking_on is not None:
+                looking_on(state, self.command())
+            watch(self.t, state)
+            if self.is_over or stops:
+                break
+        if not (self.is_over or stops):
+            self.move()
+
+    def advance(self, most: int) -> int:
+        """Make ticks until one in which something happens, at most so many; return how many rows
+        were recorded.
+        """
+        tick = self._tick
+        recorder = self.recorder
+        sequence = self._present_sequence()
+        if not self._has_rows:
+            most = 1
+        n_ticks = min(
+            most,
+            recorder.room,
+            N_DRAWN,
+            int(min(tick.plant.quiet_ticks(), most)),
+            int(min(tick.controller.quiet_ticks(), most)),
+        )
+        tick.sensors.begin(n_ticks)
+        row = recorder.place
+        n_rows = sequence.run(n_ticks, row)
+        tick.sensors.check()
+        if self.has_diverged:
+            recorder.filled(n_rows)
+            return n_rows
+        # The row of a tick with an event is left, as is that of the first tick, whose series were
+        # not known.
+        is_left = tick.memory.stop == LOOK
+        if not self._has_rows:
+            self._write_rows(sequence)
+            self._has_rows = True
+            is_left = True
+            n_rows = 0
+        n_seen = tick.memory.k + 1
+        tick.estimator.publish()
+        tick.controller.look(n_seen - self._n_looked)
+        self._n_looked = n_seen
+        if is_left:
+            n_rows += sequence.run(1, row + n_rows, done=True)
+        recorder.filled(n_rows)
+        return n_rows
 
     def move(self) -> None:
         """Let the plant move for a control period under the newest command."""
-        assert self.command is not None
-        self.plant.step(self.command, self._dt)
+        tick = self._tick
+        if tick.plant.begin():
+            self._sequence = None
+        for step in tick.motion():
+            step.kernel(*step.memories)
+        tick.memory.ahead = True
+        tick.plant.state()
+
+    @property
+    def has_diverged(self) -> bool:
+        """The plant's motion has grown beyond what a record holds."""
+        return self._tick.memory.stop == DIVERGED
+
+    @property
+    def is_over(self) -> bool:
+        """The controller has finished."""
+        return self._tick.controller.is_over()
+
+    def state(self) -> State:
+        """Return the true state that the plant has come to."""
+        return self._tick.plant.state()
+
+    def command(self) -> Command:
+        """Return the command of the newest tick, with its telemetry."""
+        command = self._tick.controller.command()
+        if command.telemetry or self._sequence is None:
+            return command
+        telemetry = {
+            name: self._sequence.value(source)
+            for name, source in self._tick.controller.sources().items()
+        }
+        return replace_unchecked(command, telemetry=telemetry)
+
+    def estimate(self) -> StateEstimate:
+        """Return the estimate of the newest tick."""
+        return self._tick.estimator.estimate()
+
+    def readings(self) -> Readings:
+        """Return the newest readings; to be asked at every tick."""
+        return self._tick.sensors.readings()
+
+    def _present_sequence(self) -> StepSequence:
+        """Return the steps, with the faults that there are now."""
+        tick = self._tick
+        # A plant that has moved already takes on other faults at its next motion.
+        if not tick.memory.ahead and tick.plant.begin():
+            self._sequence = None
+        if self._sequence is None:
+            self._sequence = StepSequence(tick.steps(), number_in_memory(tick.memory, "stop"))
+            if self._has_rows:
+                self._write_rows(self._sequence)
+        return self._sequence
+
+    def _write_rows(self, sequence: StepSequence) -> None:
+        """Have the sequence write its rows into the block of the recorder."""
+        sources = self._tick.sources()
+        examples = {name: _recorded(name, source) for name, source in sources.items()}
+        sequence.write_rows(sources, self.recorder.block(examples))
 
 
 def _watch_nothing(t: float, state: State) -> None:
     """Stand for a callback that is not given."""
 
 
-class _NewReadings:
-    """Readings that are new at a tick, each with when it was taken; NaN where none is."""
-
-    __slots__ = ("_missing", "_seen")
-
-    def __init__(self, widths: Mapping[str, int]) -> None:
-        self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(widths)
-        self._missing = {name: np.full(width + 1, np.nan) for name, width in widths.items()}
-
-    def __call__(self, readings: Readings) -> dict[str, Any]:
-        columns = dict[str, Any]()
-        for channel, missing in self._missing.items():
-            reading = getattr(readings, channel)
-            column = missing
-            # Also with the time of an earlier one, as clocks that fail give them.
-            if reading is not None and reading is not self._seen[channel]:
-                self._seen[channel] = reading
-                column = np.array([*np.ravel(reading.value).tolist(), reading.t])
-                require_kept(channel, column.size - 1, missing.size - 1)
-            columns[f"measured_{channel}"] = column
-        return columns
-
-
-def _asked_thrust(
-    command: Command, telemetry: Mapping[str, Any], recorder: Recorder
-) -> np.ndarray | None:
-    """Return the thrust (n_thrusters,) [N] that a plant with thrusters is asked for; `None` where
-    there are none.
-    """
-    # Such as with the last command of a run.
-    if command.thrust is None and "asked_thrust" in recorder:
-        return np.zeros_like(telemetry["thrust"])
-    if "thrust" in telemetry:
-        return command.thrust
-    return None
-
-
-def _row(
-    t: float,
-    state: State,
-    estimate: StateEstimate,
-    command: Command,
-    asked_thrust: np.ndarray | None,
-    measured: Mapping[str, np.ndarray],
-) -> dict[str, Any]:
-    row = {
-        **measured,
-        "t": t,
-        "q": state.q,
-        "v": state.v,
-        "q_estimated": estimate.q,
-        "v_estimated": estimate.v,
-        "altimeter_range": float(estimate.altimeter_range),
-    }
-    if estimate.std is not None:  # how well the estimate is known, where the estimator tells
-        row["q_std"] = estimate.std
-        row["altimeter_std"] = float(estimate.altimeter_std)
-    row["command"] = command.v
-    if asked_thrust is not None:
-        row["asked_thrust"] = asked_thrust
-    if estimate.health:
-        row["health"] = np.array([channel.trust for channel in estimate.health], dtype=np.int8)
-    n_recorded = len(row)
-    row.update(command.telemetry)
-    if len(row) != n_recorded + len(command.telemetry):
-        doubled = sorted(set(list(row)[:n_recorded]) & command.telemetry.keys())
-        raise InvalidInput(f"telemetry {doubled} is what the loop records; rename it")
-    return row
+def _recorded(name: str, source: Source) -> Any:
+    """Return a number of the type that records have it in."""
+    if isinstance(source, Elapsed):
+        return 0.0
+    if name in _FLAGS:
+        return source.astype(np.bool_)
+    if name in _CODES:
+        return source.astype(np.int8)
+    if name == "status" or source.dtype == np.int32:
+        return source.astype(np.int64)
+    return source.copy()

@@ -8,6 +8,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
+from uvms_ocp.codegen.sequence import DIVERGED, GO, LOOK
 from uvms_ocp.control.force.dynamic import is_at_limit
 from uvms_ocp.control.force.tick import ForceMemory, hear_forces
 from uvms_ocp.control.velocity.tick_memory import TickMemory
@@ -29,10 +30,6 @@ from uvms_ocp.sim.dynamic_step import PlantMemory, advance_plant
 from uvms_ocp.sim.plant import KinematicMemory, advance_kinematic
 from uvms_ocp.sim.sampling import SensorsMemory, read_sensors
 
-GO = 0
-LOOK = 1
-DIVERGED = 2
-"""Reasons why passes end: none; Python has to look at an event; the plant has diverged."""
 FARTHEST = LARGEST ** (1 / 3)
 """[m/s, rad/s] Norm of a velocity whose forces and powers, which grow by its square and cube, a
 record still holds.
@@ -43,7 +40,7 @@ class LoopMemory(Layout):
     """Memory through which parts of the loop pass values to each other."""
 
     stop: int
-    """`GO`, `LOOK` or `DIVERGED`."""
+    """Whether ticks go on: `GO`, `LOOK` where Python has to look at an event, or `DIVERGED`."""
     k: int
     """Number of the tick, from 0."""
     t: float
@@ -52,6 +49,8 @@ class LoopMemory(Layout):
     """[s] control period."""
     started: bool
     """True where there was a command."""
+    ahead: bool
+    """True where the plant has moved already by the last command."""
     number: Annotated[list[int], Sized(len(CHANNELS))]
     """(n_channels,) `ChannelIndex` of each of `CHANNELS`."""
     n_vehicle: int
@@ -97,23 +96,27 @@ class LoopMemory(Layout):
 
 
 def move_plant(loop: LoopMemory, plant: PlantMemory) -> None:
-    """Begin a tick: the plant has moved by the last command."""
-    if loop.started:
+    """Begin a tick: the plant moves by the last command."""
+    if loop.started and not loop.ahead:
         advance_plant(plant)
-    _begin_tick(loop, plant.q, plant.v, plant.a)
+    loop.q[:] = plant.q
+    loop.v[:] = plant.v
+    loop.a[:] = plant.a
+    begin_tick(loop)
 
 
 def move_kinematic(loop: LoopMemory, plant: KinematicMemory) -> None:
-    """Begin a tick of a kinematic plant, which has moved by the last command."""
-    if loop.started:
+    """Begin a tick of a kinematic plant, which moves by the last command."""
+    if loop.started and not loop.ahead:
         advance_kinematic(plant)
-    _begin_tick(loop, plant.q, plant.v, plant.a)
+    loop.q[:] = plant.q
+    loop.v[:] = plant.v
+    loop.a[:] = plant.a
+    begin_tick(loop)
 
 
-def _begin_tick(loop: LoopMemory, q: Vector, v: Vector, a: Vector) -> None:
-    loop.q[:] = q
-    loop.v[:] = v
-    loop.a[:] = a
+def begin_tick(loop: LoopMemory) -> None:
+    """Count the tick of the state that the plant has come to, and look whether it has diverged."""
     square = 0.0
     for i in range(len(loop.v)):
         square += loop.v[i] * loop.v[i]
@@ -121,7 +124,8 @@ def _begin_tick(loop: LoopMemory, q: Vector, v: Vector, a: Vector) -> None:
         loop.stop = int(GO)
     else:
         loop.stop = int(DIVERGED)
-    loop.k += 1 if loop.started else 0
+    loop.k += 1 if loop.started and not loop.ahead else 0
+    loop.ahead = False
     loop.t = loop.k * loop.dt
 
 
@@ -132,17 +136,26 @@ def sense(loop: LoopMemory, sensors: SensorsMemory, health: HealthMemory) -> Non
     sensors.a[:] = loop.a
     read_sensors(sensors, loop.t)
     for k in range(health.n):
-        channel = sensors.channels[health.order[k]]
-        channel_memory = health.channels[health.order[k]]
+        sampler = sensors.channels[health.order[k]]
+        channel = health.channels[health.order[k]]
+        if sampler.fresh:
+            channel.fresh = True
+            channel.stamp = sampler.stamp
+            for i in range(channel.size):
+                channel.value[i] = sampler.value[i]
+
+
+def begin_screening(loop: LoopMemory, health: HealthMemory) -> None:
+    """Tell the monitor the time and what acted since the last tick, and keep the new readings."""
+    for k in range(health.n):
+        channel = health.channels[health.order[k]]
         row = loop.measured[health.order[k]]
-        for i in range(channel_memory.size + 1):
+        channel.arrived = channel.fresh
+        for i in range(channel.size + 1):
             row[i] = math.nan
         if channel.fresh:
-            channel_memory.fresh = True
-            channel_memory.stamp = channel.stamp
-            row[channel_memory.size] = channel.stamp
-            for i in range(channel_memory.size):
-                channel_memory.value[i] = channel.value[i]
+            row[channel.size] = channel.stamp
+            for i in range(channel.size):
                 row[i] = channel.value[i]
     health.tick_t = loop.t
     health.moving = loop.started and not loop.braked
@@ -153,9 +166,7 @@ def sense(loop: LoopMemory, sensors: SensorsMemory, health: HealthMemory) -> Non
             ]
 
 
-def feed_filter(
-    loop: LoopMemory, sensors: SensorsMemory, health: HealthMemory, filter: FilterMemory
-) -> None:
+def feed_filter(loop: LoopMemory, health: HealthMemory, filter: FilterMemory) -> None:
     """Give the filter the command, and the new readings that were not refused."""
     filter.now = loop.t
     filter.has_command = loop.started
@@ -171,12 +182,11 @@ def feed_filter(
             filter.joint_x[j][1] = 0.0
     for k in range(health.n):
         number = health.order[k]
-        channel = sensors.channels[number]
-        channel_memory = health.channels[number]
-        if channel.fresh and not channel_memory.behind:
+        channel = health.channels[number]
+        if channel.arrived and not channel.behind:
             filter.fresh[number] = 1.0
             filter.stamp[number] = channel.stamp
-            for i in range(channel_memory.size):
+            for i in range(channel.size):
                 if number < N_VEHICLE:
                     filter.value[number][i] = channel.value[i]
                 else:
@@ -206,6 +216,18 @@ def repeat_range(loop: LoopMemory, health: HealthMemory) -> None:
     loop.range[0] = health.channels[ChannelIndex.ALTIMETER_RANGE].used_value[0]
 
 
+def note_health(loop: LoopMemory, health: HealthMemory, support: EstimateSupport) -> None:
+    """Note the trust in each channel, and since when it is as it is."""
+    loop.range[0] = loop.range[0] if support.echo else math.nan
+    loop.news = health.n_changed > 0
+    for k in range(health.n):
+        loop.trusts[k] = health.channels[health.order[k]].trust
+    for k in range(len(loop.number)):
+        channel = health.channels[loop.number[k]]
+        if channel.present and channel.changed:
+            loop.since[loop.number[k]] = loop.t
+
+
 def inform_controller(
     loop: LoopMemory, health: HealthMemory, support: EstimateSupport, tick: TickMemory
 ) -> None:
@@ -213,18 +235,12 @@ def inform_controller(
     tick.t = loop.t
     tick.q[:] = health.now.q
     tick.v[:] = health.now.v
-    loop.range[0] = loop.range[0] if support.echo else math.nan
     tick.altimeter_range = loop.range[0]
     tick.age = support.age
     tick.joint_age = support.joint_age
-    loop.news = health.n_changed > 0
     loop.phase = tick.mission.phase
-    for k in range(health.n):
-        loop.trusts[k] = health.channels[health.order[k]].trust
     for k in range(len(loop.number)):
         channel = health.channels[loop.number[k]]
-        if channel.present and channel.changed:
-            loop.since[loop.number[k]] = loop.t
         if channel.present:
             trust = channel.trust
         else:
@@ -240,17 +256,25 @@ def feed_back(loop: LoopMemory, tick: TickMemory, force: ForceMemory) -> None:
         loop.at_limits[:] = loop.now_at_limits
 
 
-def command_plant(
-    loop: LoopMemory, tick: TickMemory, force: ForceMemory, plant: PlantMemory
-) -> None:
+def give_forces(force: ForceMemory, plant: PlantMemory) -> None:
     """Give thrust and torque to the plant."""
     n = force.allocation.count
     plant.asked_thrust[:n] = force.outputs.command[:n]
     for j in range(len(plant.asked_torque)):
         plant.asked_torque[j] = force.outputs.torque[j]
     plant.brake = 1.0 if force.locks else 0.0
+
+
+def give_velocity(tick: TickMemory, plant: KinematicMemory) -> None:
+    """Give the velocity to the plant."""
+    for i in range(len(plant.asked)):
+        plant.asked[i] = tick.command[i]
+
+
+def end_force_tick(loop: LoopMemory, tick: TickMemory, force: ForceMemory) -> None:
+    """Remember the command, and ask Python to look at events of either layer."""
     if force.allocation.saturated:
-        for i in range(n):
+        for i in range(force.allocation.count):
             loop.now_at_limits[i] = is_at_limit(
                 force.outputs.command[i], force.allocation.lower[i], force.allocation.upper[i]
             )
@@ -261,10 +285,8 @@ def command_plant(
         loop.stop = LOOK
 
 
-def command_kinematic(loop: LoopMemory, tick: TickMemory, plant: KinematicMemory) -> None:
-    """Give the velocity to the plant."""
-    for i in range(len(plant.asked)):
-        plant.asked[i] = tick.command[i]
+def end_velocity_tick(loop: LoopMemory, tick: TickMemory) -> None:
+    """Remember the command, and ask Python to look at events."""
     loop.braked = tick.restriction.joints_held
     _end_tick(loop, tick)
 

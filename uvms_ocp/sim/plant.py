@@ -4,6 +4,7 @@ paper.
 
 from __future__ import annotations
 
+import inspect
 from functools import lru_cache
 from typing import Annotated, Any, Protocol
 
@@ -71,6 +72,8 @@ class KinematicMemory(Layout):
     """(n_v,) [m/s2, rad/s2] change of v in the last period, over its length."""
     asked: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] commanded velocity."""
+    jammed: Annotated[list[int], Sized("n_v")]
+    """(n_v,) whether the axis cannot move."""
     change: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m, rad] motion in a period."""
     q_next: Annotated[Vector, Sized("n_q")]
@@ -80,8 +83,9 @@ class KinematicMemory(Layout):
 def advance_kinematic(plant: KinematicMemory) -> None:
     """Move the plant by one control period. A kernel."""
     for i in range(len(plant.v)):
-        plant.a[i] = (plant.asked[i] - plant.v[i]) / plant.dt
-        plant.v[i] = plant.asked[i]
+        v = 0.0 if plant.jammed[i] != 0 else plant.asked[i]
+        plant.a[i] = (v - plant.v[i]) / plant.dt
+        plant.v[i] = v
         plant.change[i] = plant.v[i] * plant.dt
     plant.integrate(plant.q, plant.change, plant.q_next)
     plant.q[:] = plant.q_next
@@ -112,19 +116,29 @@ class KinematicPlant(Plant):
         )
 
     def step(self, command: Command, dt: Period) -> None:
-        arrays = self._arrays
-        arrays.asked[:] = command.v
-        if self.faults:
-            active = machine_faults.active_of(self.faults, self.memory.t)
-            jammed = machine_faults.jammed_axes(self._robot, active)
-            arrays.asked[list(jammed)] = 0.0
+        self.ask(command)
         self.begin(dt)
         self._advance(self.memory)
         self.adopt()
 
+    def ask(self, command: Command) -> None:
+        """Take down the velocity that a command asks for."""
+        self._arrays.asked[:] = command.v
+
+    @property
+    def is_compiled(self) -> bool:
+        """True where the plant moves as machine code."""
+        return not inspect.isfunction(self._advance)
+
     def begin(self, dt: Period) -> None:
-        """Have the kernel go on from the present state, by periods of dt [s]."""
+        """Have the kernel go on from the present state, by periods of dt [s], with the faults that
+        there are now.
+        """
         self.memory.dt = dt
+        if self.faults:
+            active = machine_faults.active_of(self.faults, self.memory.t)
+            self._arrays.jammed[:] = 0
+            self._arrays.jammed[list(machine_faults.jammed_axes(self._robot, active))] = 1
         self._arrays.q[:] = self.state.q
         self._arrays.v[:] = self.state.v
 

@@ -31,6 +31,10 @@ from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.types import Count, Shape
 
 _IDEAL = SensorSpec()
+NO_ACCELERATION = (
+    "specific_force needs the acceleration of the true state; give State(a=...), as plants do"
+)
+"""What is said of a state without the acceleration that an accelerometer reads."""
 _SCALARS = ("depth", "altimeter_range")
 # [Hz] of ticks, and readings, for which those under way have room
 _QUICKEST = 2000.0
@@ -140,6 +144,11 @@ class SensorSuite:
         self._readings: dict[str, Reading[Any] | None] = {}
         self._drawn = 0
 
+    @property
+    def reads_acceleration(self) -> bool:
+        """There is an accelerometer."""
+        return bool(self.memory.channels[ChannelIndex.SPECIFIC_FORCE].present)
+
     def read(self, state: State, t: float) -> Readings:
         """Return the last reading of every channel at time t [s], the time of the true `state`.
 
@@ -151,14 +160,15 @@ class SensorSuite:
         v[:] = state.v
         if state.a is not None:
             a[:] = state.a
-        elif self.memory.channels[ChannelIndex.SPECIFIC_FORCE].present:
-            raise InvalidInput(
-                "specific_force needs the acceleration of the true state; give State(a=...), as"
-                " plants do"
-            )
+        elif self.reads_acceleration:
+            raise InvalidInput(NO_ACCELERATION)
         self.draw_ahead(1)
         self._read(self.memory, t)
         self.check()
+        return self.latest()
+
+    def latest(self) -> Readings:
+        """Return the last reading of every channel, once kernels have read them at a tick."""
         readings = self._readings
         for channel in self._channels:
             if channel.memory.fresh:

@@ -66,6 +66,8 @@ class ChannelMemory(Layout):
     # The newest reading.
     fresh: bool
     """A reading has come since the last tick."""
+    arrived: bool
+    """A reading has come at this tick, screened or not yet."""
     misshapen: int
     """Number of the text about the wrong shape of the reading, 0 where the shape is right."""
     stamp: float

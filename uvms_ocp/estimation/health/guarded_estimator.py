@@ -70,6 +70,7 @@ class GuardedEstimator(TableDisplay):
     ) -> None:
         """specs: those that the estimator expects. monitor: one for them unless given."""
         specs = specs or SensorSpecs()
+        self.robot = robot
         self.estimator = estimator
         self.monitor = monitor or health_monitor.HealthMonitor(robot, specs)
         exact = isinstance(estimator, PassThrough)
@@ -110,8 +111,16 @@ class GuardedEstimator(TableDisplay):
         """Return the estimate at time t [s]; `command` has been acting since the last call. Raises
         what the estimator raises.
         """
+        screened = self.monitor.screen(readings, t, command)
+        return self.estimate_from(screened, t, command)
+
+    def estimate_from(
+        self, screened: Readings, t: float, command: Command | None = None
+    ) -> StateEstimate:
+        """Return the estimate at time t [s] from readings that the monitor has screened; `command`
+        has been acting since the last call. Raises what the estimator raises.
+        """
         monitor = self.monitor
-        screened = monitor.screen(readings, t, command)
         if not self._has_all_channels and not self._begin(screened):
             return replace_unchecked(self._nothing, health=monitor.judge(self._nothing, t))
         is_unobserved = bool(monitor.memory.velocity_unobserved)

@@ -450,6 +450,10 @@ class HealthMonitor:
             channel = memory.channels[NUMBER[name]]
             self._buffers[name] = ChannelBuffer(channel, shapes[name], self._texts)
         self._places = tuple(self._buffers.get(name) for name in CHANNELS)
+        self._fresh: list[ChannelBuffer] = []
+        """Channels with new readings among those that were taken in last."""
+        self._strange = False
+        """A channel was given that is not to be, or was missing where one was."""
         self._beam: AltimeterMount | None = None
         if "altimeter_range" in present and frame:
             self._beam = AltimeterMount(robot, frame, memory.now)
@@ -492,10 +496,32 @@ class HealthMonitor:
 
         `command` has been acting since the last call.
         """
-        fresh, strange = self._ingest(readings)
+        self.take_in(readings)
         self._screen(self.memory, t, self._is_moved(command))
-        self._use(fresh)
-        if not self.memory.n_behind and not strange:
+        return self.screened(readings)
+
+    def take_in(self, readings: Readings) -> None:
+        """Write new readings into the memory of the kernels."""
+        self._fresh = []
+        self._strange = False
+        for reading, buffer in zip(_all(readings), self._places, strict=True):
+            if buffer is None:
+                self._strange = self._strange or reading is not None
+            elif reading is None:
+                self._strange = self._strange or buffer.used is not None
+            elif reading is not buffer.seen:
+                buffer.ingest(reading)
+                self._fresh.append(buffer)
+
+    def screened(self, readings: Readings) -> Readings:
+        """Return the readings that were taken in last, with refused ones replaced, once kernels have
+        screened them.
+        """
+        behind = self.memory.n_behind
+        for buffer in self._fresh:
+            if not behind or not buffer.memory.behind:
+                buffer.used = buffer.seen
+        if not behind and not self._strange:
             return readings
         used = {name: buffer.used for name, buffer in self._buffers.items()}
         return signals.unchecked_readings(**used)
@@ -507,35 +533,12 @@ class HealthMonitor:
         """
         return self._beam is None or not self._beam.moves
 
-    def _ingest(self, readings: Readings) -> tuple[list[ChannelBuffer], bool]:
-        """Return the channels with new readings, and whether a channel is given that is not to be,
-        or missing where one was.
-        """
-        fresh = []
-        strange = False
-        for reading, buffer in zip(_all(readings), self._places, strict=True):
-            if buffer is None:
-                strange = strange or reading is not None
-            elif reading is None:
-                strange = strange or buffer.used is not None
-            elif reading is not buffer.seen:
-                buffer.ingest(reading)
-                fresh.append(buffer)
-        return fresh, strange
-
     def _is_moved(self, command: Command | None) -> bool:
         """Write the commanded rates of the joints for the kernels; return whether there are any."""
         if command is None or command.brakes:
             return False
         self._rates[:] = command.v[self._joint_v]
         return True
-
-    def _use(self, fresh: list[ChannelBuffer]) -> None:
-        """Let the filter see the accepted ones of the new readings."""
-        behind = self.memory.n_behind
-        for buffer in fresh:
-            if not behind or not buffer.memory.behind:
-                buffer.used = buffer.seen
 
     def judge(self, estimate: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:
         """Judge all channels at time t [s], with the estimate that the filter made of the

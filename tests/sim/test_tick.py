@@ -1,5 +1,5 @@
-"""Laws of the loop in machine code: the same rows, events and alarms as tick by tick, to the last
-bit, or it is not used.
+"""Laws of the tick: the same rows, events and alarms to the last bit whichever of its parts are
+kernels and whichever are asked, many ticks at once or one by one, with a compiler or without.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import ACCELEROMETER, SensorSpec, SensorSpecs
 from uvms_ocp.scenario import Scenario, case1, obstacle_field, reach
-from uvms_ocp.sim import compiled_loop
+from uvms_ocp.sim import loop, tick as sim_tick
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.rough_seafloor import HeightField, Relief
@@ -79,8 +79,27 @@ SCENARIOS: dict[str, Callable[[], Scenario]] = {
 """Scenarios of the toolkit's parts."""
 
 
+ALL = sim_tick._AsKernels(plant=True, sensors=True, estimator=True, controller=True, gives=True)
+ASKED: dict[str, sim_tick._AsKernels] = {
+    "plant": ALL._replace(plant=False, gives=False),
+    "sensors": ALL._replace(sensors=False),
+    "estimator": ALL._replace(sensors=False, estimator=False),
+    "controller": ALL._replace(controller=False, gives=False),
+    "all": sim_tick._AsKernels(),
+    "all but the plant": sim_tick._AsKernels(plant=True),
+}
+"""Which parts are kernels, by those that are asked."""
+
+
 def _tick_by_tick(scenario: Scenario) -> Record:
     return scenario.run(observer=lambda t, state, command: None)
+
+
+def _asking(scenario: Scenario, asked: str, monkeypatch: pytest.MonkeyPatch) -> Record:
+    """The record of a run in which these parts are asked."""
+    with monkeypatch.context() as patch:
+        patch.setattr(sim_tick._AsKernels, "of", lambda *parts: ASKED[asked])
+        return scenario.run()
 
 
 def _require_same(actual: Record, expected: Record) -> None:
@@ -105,19 +124,31 @@ def _require_same(actual: Record, expected: Record) -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_rows_events_and_alarms_are_those_of_single_ticks(
+def test_rows_events_and_alarms_are_those_of_single_ticks(name: str) -> None:
+    scenario = SCENARIOS[name]()
+    _require_same(scenario.run(), _tick_by_tick(scenario))
+
+
+@needs_compiler
+@pytest.mark.parametrize("asked", ASKED)
+@pytest.mark.parametrize("name", ["noise", "all sensors", "a sensor that fails", "kinematic"])
+def test_a_part_that_is_asked_gives_the_rows_of_its_kernels(
+    name: str, asked: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = SCENARIOS[name]()
+    expected = scenario.run()
+    _require_same(_asking(scenario, asked, monkeypatch), expected)
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_parts_that_are_all_asked_give_the_rows_of_their_kernels(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    used = []
-    run = compiled_loop.CompiledLoop.run
-    monkeypatch.setattr(
-        compiled_loop.CompiledLoop, "run", lambda *arguments: used.append(1) or run(*arguments)
-    )
     scenario = SCENARIOS[name]()
-    quick = scenario.run()
-    assert used
-    _require_same(quick, _tick_by_tick(scenario))
-    assert len(used) == 1
+    expected = scenario.run()
+    _require_same(_asking(scenario, "all", monkeypatch), expected)
 
 
 def _own(scenario: Scenario) -> Scenario:
@@ -131,22 +162,43 @@ def _own(scenario: Scenario) -> Scenario:
     return replace(scenario, controller=asking)
 
 
-ASKING: dict[str, Callable[[], Scenario]] = {
+PARTLY_PYTHON: dict[str, Callable[[], Scenario]] = {
     "a controller of one's own": lambda: _own(case1(**SHORT)),
     "a load that is learnt": lambda: case1(**NOISY, learn_load=True),
     "a joint that jams": lambda: case1(**NOISY, faults=("joint2:jam@1",)),
+    "a joint that jams, kinematic": lambda: case1(
+        **NOISY, plant="kinematic", faults=("joint2:jam@1-2",)
+    ),
     "a load that is dropped": lambda: case1(**NOISY, faults=("payload:mass=2@1-2",)),
 }
-"""Scenarios in which Python is asked at every tick."""
+"""Scenarios in which Python takes part, at every tick or now and then."""
 
 
-@pytest.mark.parametrize("name", ASKING)
-def test_who_has_to_be_asked_is(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*arguments: Any) -> None:
-        raise AssertionError
+@needs_compiler
+@pytest.mark.parametrize("name", PARTLY_PYTHON)
+def test_python_that_takes_part_changes_no_row(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = PARTLY_PYTHON[name]()
+    record = scenario.run()
+    assert len(record) == round(4.0 * 200) + 1
+    _require_same(record, _tick_by_tick(scenario))
+    _require_same(record, _asking(scenario, "all", monkeypatch))
 
-    monkeypatch.setattr(compiled_loop.CompiledLoop, "run", refuse)
-    assert len(ASKING[name]().run()) == round(4.0 * 200) + 1
+
+def test_what_a_part_raises_ends_the_run_at_once() -> None:
+    """And not after the ticks that machine code would make meanwhile."""
+    calls = []
+
+    def failing(scenario: Scenario) -> Any:
+        def read(state: Any, t: float) -> Any:
+            calls.append(t)
+            raise UvmsError("broken")
+
+        return read
+
+    failing.specs = case1(**NOISY).specs  # type: ignore[attr-defined]
+    with pytest.raises(UvmsError, match="broken"):
+        replace(case1(**NOISY), sensors=failing).run()
+    assert calls == [0.0]
 
 
 @needs_compiler
@@ -165,18 +217,22 @@ def test_a_run_that_diverges_ends_as_tick_by_tick(caplog: pytest.LogCaptureFixtu
 
 
 @needs_compiler
-def test_ctrl_c_leaves_the_rows_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("asked", [None, "controller"])
+def test_ctrl_c_leaves_the_rows_so_far(asked: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = case1(**SHORT)
-    caught = []
-    look = compiled_loop.CompiledLoop._look
+    caught = list[float]()
+    advance = loop.Loop.advance
 
-    def press(quick: compiled_loop.CompiledLoop, *arguments: Any) -> None:
-        look(quick, *arguments)
-        if quick.memory.t > 1.0 and not caught:
-            caught.append(quick.memory.t)
+    def press(running: loop.Loop, most: int) -> int:
+        n_rows = advance(running, most)
+        if running.t > 1.0 and not caught:
+            caught.append(running.t)
             signal.raise_signal(signal.SIGINT)
+        return n_rows
 
-    monkeypatch.setattr(compiled_loop.CompiledLoop, "_look", press)
+    if asked is not None:
+        monkeypatch.setattr(sim_tick._AsKernels, "of", lambda *parts: ASKED[asked])
+    monkeypatch.setattr(loop.Loop, "advance", press)
     with pytest.raises(Interrupted) as stop:
         scenario.run()
     record = stop.value.result

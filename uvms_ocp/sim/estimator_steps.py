@@ -1,0 +1,194 @@
+"""The estimator's part of a tick: readings to an estimate, with the trust in each channel. The toolkit's
+filter and its monitor are kernels; what is a user's own is asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import arrays_of, view
+from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.codegen.sequence import Source, Step
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.robot.signals import Command, StateEstimate
+from uvms_ocp.sim import loop_kernels as kernels
+from uvms_ocp.sim.sensor_steps import SensorSteps
+from uvms_ocp.sim.series_of_objects import SeriesOfObjects
+
+
+class EstimatorSteps(Protocol):
+    """The estimator of a run, as steps of its ticks."""
+
+    def steps(self) -> list[Step]:
+        """Return the steps."""
+
+    def estimate(self) -> StateEstimate:
+        """Return the estimate of the tick."""
+
+    def publish(self) -> None:
+        """Log the verdicts on channels that kernels have changed at this tick."""
+
+    def sources(self) -> dict[str, Source]:
+        """Return the series of the estimate, in memory."""
+
+    def health_sources(self) -> dict[str, Source]:
+        """Return the series of the trust in channels, in memory; empty where nobody judges them."""
+
+
+class KernelEstimator:
+    """The toolkit's filter, or readings as they are, with the monitor around it: as kernels."""
+
+    def __init__(self, loop: kernels.LoopMemory, guarded: GuardedEstimator) -> None:
+        self._loop = loop
+        self._guarded = guarded
+
+    def steps(self) -> list[Step]:
+        loop = self._loop
+        guarded = self._guarded
+        health = guarded.monitor.memory
+        screen, finish, repeat = guarded.monitor.ticks
+        begin, note = bind_kernels(
+            (kernels.begin_screening, kernels.note_health),
+            map(type, (loop, health, guarded.support)),
+        )
+        first = Step("begin_screening", begin, (loop, health))
+        last = Step("note_health", note, (loop, health, guarded.support))
+        inner = guarded.estimator
+        if isinstance(inner, Estimator):
+            memories = (loop, health, inner.structure)
+            feed, take = bind_kernels(
+                (kernels.feed_filter, kernels.note_estimate), map(type, memories)
+            )
+            return [
+                first,
+                Step("screen", screen, (health,)),
+                Step("feed_filter", feed, memories),
+                Step("filter", inner.tick, (inner.structure,)),
+                Step("note_estimate", take, memories),
+                Step("judge", finish, (health, guarded.support, guarded.outcomes)),
+                last,
+            ]
+        (repeat_range,) = bind_kernels((kernels.repeat_range,), map(type, (loop, health)))
+        return [
+            first,
+            Step("repeat", repeat, (health, guarded.support, guarded.repeated)),
+            Step("repeat_range", repeat_range, (loop, health)),
+            last,
+        ]
+
+    def estimate(self) -> StateEstimate:
+        self.publish()
+        return self._guarded.estimate()
+
+    def publish(self) -> None:
+        monitor = self._guarded.monitor
+        if monitor.memory.n_changed:
+            monitor.publish(self._loop.t)
+            monitor.memory.n_changed = 0
+
+    def sources(self) -> dict[str, Source]:
+        now = arrays_of(self._guarded.monitor.memory.now)
+        echo = view(self._loop.range)
+        sources: dict[str, Source] = {
+            "q_estimated": now.q,
+            "v_estimated": now.v,
+            "altimeter_range": echo[:1].reshape(()),
+        }
+        inner = self._guarded.estimator
+        if isinstance(inner, Estimator):
+            sources["q_std"] = inner.std_in_memory
+            sources["altimeter_std"] = echo[1:].reshape(())
+        return sources
+
+    def health_sources(self) -> dict[str, Source]:
+        n = self._guarded.monitor.memory.n
+        if n == 0:
+            return {}
+        return {"health": view(self._loop.trusts)[:n]}
+
+
+class OwnEstimator:
+    """An estimator that is asked: a user's own, behind a monitor or not."""
+
+    def __init__(
+        self,
+        loop: kernels.LoopMemory,
+        estimator: Any,
+        sensors: SensorSteps,
+        last_command: Callable[[], Command | None],
+        *,
+        informs: bool,
+    ) -> None:
+        """estimator: a callable ``(Readings, t, command) -> StateEstimate``. sensors: whose readings
+        it is given. last_command: returns the command that has been acting since the last tick.
+        informs: kernels of a controller read the memory of the monitor of the estimator, which is a
+        `GuardedEstimator`.
+        """
+        self._loop = loop
+        self._estimator = estimator
+        self._sensors = sensors
+        self._last_command = last_command
+        self._informs = informs
+        self._estimate: StateEstimate | None = None
+        self._series = SeriesOfObjects()
+        self._health = SeriesOfObjects()
+        if informs:
+            self._now = arrays_of(self._estimator.monitor.memory.now)
+
+    def steps(self) -> list[Step]:
+        asking = Step("estimate", self._ask)
+        if not self._informs:
+            return [asking]
+        loop = self._loop
+        memories = (loop, self._estimator.monitor.memory, self._estimator.support)
+        (note,) = bind_kernels((kernels.note_health,), map(type, memories))
+        return [asking, Step("note_health", note, memories)]
+
+    def estimate(self) -> StateEstimate:
+        assert self._estimate is not None
+        return self._estimate
+
+    def publish(self) -> None:
+        pass
+
+    def sources(self) -> dict[str, Source]:
+        return {**self._series.arrays}
+
+    def health_sources(self) -> dict[str, Source]:
+        return {**self._health.arrays}
+
+    def _ask(self) -> None:
+        command = self._last_command()
+        before = () if self._estimate is None else self._estimate.health
+        estimate = self._estimator(self._sensors.readings(), self._loop.t, command)
+        self._estimate = estimate
+        values: dict[str, Any] = {
+            "q_estimated": estimate.q,
+            "v_estimated": estimate.v,
+            "altimeter_range": float(estimate.altimeter_range),
+        }
+        if estimate.std is not None:  # how well the estimate is known, where the estimator tells
+            values["q_std"] = estimate.std
+            values["altimeter_std"] = float(estimate.altimeter_std)
+        self._series.write(values)
+        if estimate.health:
+            trusts = [channel.trust for channel in estimate.health]
+            self._health.write({"health": np.array(trusts, dtype=np.int8)})
+        if self._informs:
+            self._inform(estimate, has_news=estimate.health is not before)
+
+    def _inform(self, estimate: StateEstimate, *, has_news: bool) -> None:
+        """Write the estimate where kernels of the controller read it."""
+        health = self._estimator.monitor.memory
+        support = self._estimator.support
+        health.n_changed = has_news
+        self._now.q[:] = estimate.q
+        self._now.v[:] = estimate.v
+        self._loop.range[0] = estimate.altimeter_range
+        support.echo = True
+        support.age = estimate.age
+        support.joint_age = estimate.joint_age
