@@ -40,6 +40,16 @@ class Elapsed(NamedTuple):
 Source = np.ndarray | Elapsed
 """What a series of a row is copied from after each pass: an array that stays where it is, or a time."""
 
+
+def values_of(series: Mapping[str, Source]) -> dict[str, Any]:
+    """Return the present values of series that are in memory: copies of arrays, and numbers."""
+    values = dict[str, Any]()
+    for name, source in series.items():
+        assert isinstance(source, np.ndarray)
+        values[name] = source.copy() if source.ndim else source.item()
+    return values
+
+
 GO = 0
 """Passes go on."""
 LOOK = 1

@@ -65,6 +65,7 @@ def advance_filter(filter: filtering.FilterMemory) -> None:
     filter.dt = filter.now - filter.before if filter.started else 0.0
     filter.started = True
     filter.before = filter.now
+    _hear_command(filter)
     if filter.floating:
         vehicle_model.predict(filter)
         measurement_update.fuse(filter)
@@ -79,6 +80,20 @@ def advance_filter(filter: filtering.FilterMemory) -> None:
         if filter.needed[c] > 0.0:
             filter.age[0] = max(filter.now - filter.used[c], filter.age[0])
         filter.fresh[c] = 0.0
+
+
+def _hear_command(filter: filtering.FilterMemory) -> None:
+    """Take the command for followed with a lag, and joints that brakes lock for at rest."""
+    if filter.has_command:
+        remaining = math.exp(-filter.dt / filtering.RESPONSE_TIME)
+        for i in range(len(filter.response)):
+            filter.response[i] = filter.commanded[i] + remaining * (
+                filter.response[i] - filter.commanded[i]
+            )
+    if filter.has_command and filter.braked:
+        # Carried on as fast as before, nothing would agree with it again.
+        for j in range(filter.n_joints):
+            filter.joint_x[j][1] = 0.0
 
 
 def _write_vehicle_outputs(filter: filtering.FilterMemory) -> None:
@@ -293,7 +308,6 @@ class Estimator(TableDisplay):
         """The kernel of the filter, bound to its memory."""
         self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
         self._refused: frozenset[str] = frozenset()
-        self._response = np.zeros(robot.n_v)
         self._t: float | None = None
 
     @checked_on_failure
@@ -304,15 +318,11 @@ class Estimator(TableDisplay):
 
         Raises `InvalidInput` for a time before that of the last call, or beyond 1e10 s.
         """
-        dt = self._elapsed(t)
-        if command is not None:
-            decay = math.exp(-dt / filtering.RESPONSE_TIME)
-            self._response = command.v + decay * (self._response - command.v)
-            self.memory.commanded[6 - self._n_vehicle :] = self._response
-            if command.brakes:
-                # Carried on as fast as before, nothing would agree with it again.
-                self.memory.joint_x[:, 1] = 0.0
+        self._require_later(t)
         self.structure.has_command = command is not None
+        if command is not None:
+            self.memory.commanded[6 - self._n_vehicle :] = command.v
+            self.structure.braked = command.brakes
         self._take_in(readings)
         if self._beam is not None:
             self._beam.place(self._joints)
@@ -393,18 +403,17 @@ class Estimator(TableDisplay):
         """The same on the memory of the kernel."""
         return np.asarray(self.memory.std[6 - self._n_vehicle :])
 
-    def _elapsed(self, t: float) -> float:
+    def _require_later(self, t: float) -> None:
+        """Take the time [s] of the tick. Raises `InvalidInput` as a call."""
         if not abs(t) <= _LATEST:
             raise InvalidInput(
                 f"estimator called at t = {t} s; give a time of at most {_LATEST:g} s"
             )
-        dt = 0.0 if self._t is None else t - self._t
-        if dt < 0:
+        if self._t is not None and t < self._t:
             raise InvalidInput(
                 f"estimator called at t = {t} s after t = {self._t} s; give increasing times"
             )
         self._t = self.structure.now = t
-        return dt
 
     def _take_in(self, readings: Readings) -> None:
         memory = self.memory

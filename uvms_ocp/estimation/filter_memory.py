@@ -209,7 +209,11 @@ class FilterMemory(Layout):
     has_command: bool
     """True where there was a command."""
     commanded: Annotated[Vector, Sized("n_commanded")]
-    """(6 + n_joints,) [m/s, rad/s] velocity that the command has brought about."""
+    """(6 + n_joints,) [m/s, rad/s] velocity that the command asks for."""
+    braked: bool
+    """True where the command locks the joints."""
+    response: Annotated[Vector, Sized("n_commanded")]
+    """(6 + n_joints,) [m/s, rad/s] velocity that commands have brought about."""
     fresh: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) 1 where a channel has a new reading."""
     stamp: Annotated[Vector, Sized(N_CHANNELS)]
@@ -240,11 +244,11 @@ class FilterMemory(Layout):
     P: Annotated[list[Vector], Sized(STATES, STATES)]
     """(STATES, STATES) [SI] covariance of the errors; only its upper triangle counts."""
     commanded_W: Annotated[Vector, Sized(3)]
-    """(3,) [m/s] linear part of the last `commanded`, in W."""
+    """(3,) [m/s] linear part of the last `response`, in W."""
     commanded_spin: Annotated[Vector, Sized(3)]
-    """(3,) [rad/s] angular part of the last `commanded`, in B."""
+    """(3,) [rad/s] angular part of the last `response`, in B."""
     commanded_rates: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad/s or m/s] joints' part of the last `commanded`."""
+    """(n_joints,) [rad/s or m/s] joints' part of the last `response`."""
     owner: Annotated[Vector, Sized(SLOTS)]
     """(SLOTS,) channel of each clone, -1 for none."""
     taken: Annotated[Vector, Sized(SLOTS)]

@@ -27,10 +27,10 @@ def predict_joints(filter: FilterMemory) -> None:
     for j in range(filter.n_joints):
         x = filter.joint_x[j]
         if filter.has_command:
-            change = filter.commanded[6 + j] - filter.commanded_rates[j]
+            change = filter.response[6 + j] - filter.commanded_rates[j]
             x[1] += change
             filter.joint_P[j][1][1] += vehicle_model.response_variance(filter, change)
-            filter.commanded_rates[j] = filter.commanded[6 + j]
+            filter.commanded_rates[j] = filter.response[6 + j]
         if not dt > 0.0:
             continue
         x[0] += h * x[1]

@@ -237,13 +237,13 @@ def _follow(filter: FilterMemory) -> None:
     R = zeros(9)
     commanded = zeros(3)
     rotation(filter.turn, R)
-    rotated(R, filter.commanded, commanded)
+    rotated(R, filter.response, commanded)
     for i in range(3):
         if filter.guided:
             _change(filter, Part.SPEED + i, commanded[i] - filter.commanded_W[i])
-        _change(filter, Part.SPIN + i, filter.commanded[3 + i] - filter.commanded_spin[i])
+        _change(filter, Part.SPIN + i, filter.response[3 + i] - filter.commanded_spin[i])
         filter.commanded_W[i] = commanded[i]
-        filter.commanded_spin[i] = filter.commanded[3 + i]
+        filter.commanded_spin[i] = filter.response[3 + i]
 
 
 def _change(filter: FilterMemory, i: int, change: float) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import arrays_of, number_in_memory, view
+from uvms_ocp.codegen.kernel_layout import arrays_of, view
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.codegen.sequence import LOOK, Elapsed, Source, Step
 from uvms_ocp.control import DynamicController, KinematicController
@@ -180,30 +180,11 @@ class KernelController:
         return sources
 
     def sources(self) -> dict[str, Source]:
-        whole: Any = self._kinematic.whole
-        solved = arrays_of(whole)
-        tick = self._tick
-        memory = self._kinematic.memory
-        sources: dict[str, Source] = {
-            "phase": number_in_memory(self._loop, "phase"),
-            "activations": tick.gates,
-            "activity": solved.activity,
-            "residual": solved.residual,
-            "quantities": tick.reported,
-            "status": solved.report[:1].reshape(()),
-            "viable_share": number_in_memory(memory, "share"),
-            "solve_time": Elapsed("solve", "solve"),
-            "freshness": number_in_memory(memory, "freshness"),
-            "tick_time": Elapsed("prepare", "solve"),
-        }
-        controller = self._controller
-        if isinstance(controller, DynamicController):
-            outputs = controller.force.places()
-            sources["disturbance"] = outputs["disturbance"]
-            sources["wrench"] = outputs["vehicle_force"]
-            sources["unreachable"] = outputs["unreachable"]
-            sources["saturated"] = number_in_memory(controller.memory.allocation, "saturated")
-            sources |= self._verdicts
+        sources = self._kinematic.series(
+            solve_time=Elapsed("solve", "solve"), tick_time=Elapsed("prepare", "solve")
+        )
+        if isinstance(self._controller, DynamicController):
+            sources |= self._controller.force_series() | self._verdicts
         sources["controller_time"] = Elapsed("prepare", "end")
         return sources
 

@@ -5,6 +5,7 @@ filter and its monitor are kernels; what is a user's own is asked.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -112,7 +113,9 @@ class KernelEstimator:
 
 
 class OwnEstimator:
-    """An estimator that is asked: a user's own, behind a monitor or not."""
+    """An estimator that is asked: a user's own, or one of the toolkit that Python has a part in.
+    Around it may be a monitor, whose kernels screen the readings.
+    """
 
     def __init__(
         self,
@@ -120,33 +123,36 @@ class OwnEstimator:
         estimator: Any,
         sensors: SensorSteps,
         last_command: Callable[[], Command | None],
-        *,
-        informs: bool,
     ) -> None:
-        """estimator: a callable ``(Readings, t, command) -> StateEstimate``. sensors: whose readings
-        it is given. last_command: returns the command that has been acting since the last tick.
-        informs: kernels of a controller read the memory of the monitor of the estimator, which is a
-        `GuardedEstimator`.
+        """estimator: a callable ``(Readings, t, command) -> StateEstimate``, such as a
+        `GuardedEstimator`. sensors: whose readings it is given. last_command: returns the command
+        that has been acting since the last tick.
         """
         self._loop = loop
         self._estimator = estimator
         self._sensors = sensors
         self._last_command = last_command
-        self._informs = informs
         self._estimate: StateEstimate | None = None
         self._series = SeriesOfObjects()
         self._health = SeriesOfObjects()
-        if informs:
-            self._now = arrays_of(self._estimator.monitor.memory.now)
 
     def steps(self) -> list[Step]:
-        asking = Step("estimate", self._ask)
-        if not self._informs:
-            return [asking]
+        guarded = self._estimator
+        if not isinstance(guarded, GuardedEstimator):
+            return [Step("estimate", self._ask)]
         loop = self._loop
-        memories = (loop, self._estimator.monitor.memory, self._estimator.support)
-        (note,) = bind_kernels((kernels.note_health,), map(type, memories))
-        return [asking, Step("note_health", note, memories)]
+        health = guarded.monitor.memory
+        begin, note = bind_kernels(
+            (kernels.begin_screening, kernels.note_health),
+            map(type, (loop, health, guarded.support)),
+        )
+        screen = guarded.monitor.ticks[0]
+        return [
+            Step("begin_screening", begin, (loop, health)),
+            Step("screen", screen, (health,)),
+            Step("estimate", partial(self._ask_guarded, guarded, arrays_of(health.now))),
+            Step("note_health", note, (loop, health, guarded.support)),
+        ]
 
     def estimate(self) -> StateEstimate:
         assert self._estimate is not None
@@ -162,9 +168,28 @@ class OwnEstimator:
         return {**self._health.arrays}
 
     def _ask(self) -> None:
-        command = self._last_command()
-        before = () if self._estimate is None else self._estimate.health
-        estimate = self._estimator(self._sensors.readings(), self._loop.t, command)
+        self._take(self._estimator(self._sensors.readings(), self._loop.t, self._last_command()))
+
+    def _ask_guarded(self, guarded: GuardedEstimator, now: Any) -> None:
+        """Ask the estimator within the monitor, and write what it says where kernels read it. now:
+        arrays of the monitor's estimate.
+        """
+        loop = self._loop
+        monitor = guarded.monitor
+        verdicts = monitor.health
+        screened = monitor.screened(self._sensors.readings())
+        estimate = guarded.estimate_from(screened, loop.t, self._last_command())
+        self._take(estimate)
+        monitor.memory.n_changed = monitor.health is not verdicts
+        now.q[:] = estimate.q
+        now.v[:] = estimate.v
+        loop.range[0] = estimate.altimeter_range
+        guarded.support.echo = True
+        guarded.support.age = estimate.age
+        guarded.support.joint_age = estimate.joint_age
+
+    def _take(self, estimate: StateEstimate) -> None:
+        """Take down the series of an estimate."""
         self._estimate = estimate
         values: dict[str, Any] = {
             "q_estimated": estimate.q,
@@ -178,17 +203,3 @@ class OwnEstimator:
         if estimate.health:
             trusts = [channel.trust for channel in estimate.health]
             self._health.write({"health": np.array(trusts, dtype=np.int8)})
-        if self._informs:
-            self._inform(estimate, has_news=estimate.health is not before)
-
-    def _inform(self, estimate: StateEstimate, *, has_news: bool) -> None:
-        """Write the estimate where kernels of the controller read it."""
-        health = self._estimator.monitor.memory
-        support = self._estimator.support
-        health.n_changed = has_news
-        self._now.q[:] = estimate.q
-        self._now.v[:] = estimate.v
-        self._loop.range[0] = estimate.altimeter_range
-        support.echo = True
-        support.age = estimate.age
-        support.joint_age = estimate.joint_age

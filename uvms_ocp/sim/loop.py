@@ -6,7 +6,6 @@ The parts know nothing of each other: what they exchange is `uvms_ocp.robot.sign
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
@@ -20,7 +19,7 @@ from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt
 from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.robot.signals import CHANNELS, Command, Readings, State, StateEstimate
-from uvms_ocp.sim.loop_kernels import FARTHEST
+from uvms_ocp.sim.loop_kernels import is_divergent
 from uvms_ocp.sim.plant import Plant
 from uvms_ocp.sim.sampling import N_DRAWN
 from uvms_ocp.sim.tick import Tick
@@ -52,10 +51,8 @@ MOST_TICKS = 4_000_000
 
 
 def has_diverged(state: State) -> bool:
-    """Judge whether a plant's velocity is no number, or larger than any that a record holds beside
-    its forces and powers.
-    """
-    return not math.hypot(*state.v.tolist()) <= FARTHEST
+    """Judge whether a plant's velocity is no number, or larger than a record holds."""
+    return is_divergent(sum(speed * speed for speed in state.v.tolist()))
 
 
 @checked
@@ -316,6 +313,6 @@ def _recorded(name: str, source: Source) -> Any:
         return source.astype(np.bool_)
     if name in _CODES:
         return source.astype(np.int8)
-    if name == "status" or source.dtype == np.int32:
+    if source.dtype == np.int32:
         return source.astype(np.int64)
     return source.copy()

@@ -15,7 +15,6 @@ from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.estimation.filter_memory import (
     N_CHANNELS,
     N_VEHICLE,
-    RESPONSE_TIME,
     ChannelIndex,
     FilterMemory,
     Part,
@@ -67,8 +66,6 @@ class LoopMemory(Layout):
     """
     commanded: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] velocity commanded in the tick before."""
-    response: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] velocity that commands have brought about."""
     braked: bool
     """True where joints are locked."""
     has_range: bool
@@ -83,8 +80,6 @@ class LoopMemory(Layout):
     """True where the verdict on a channel changed."""
     verdict: int
     """`Freshness` that was logged last."""
-    phase: int
-    """Phase of the mission, at the beginning of the tick."""
     at_limits: Annotated[list[int], Sized("n_thrusters")]
     """(n_thrusters,) thrusters that were at their limits the last time that any was, up to the tick
     before.
@@ -120,13 +115,20 @@ def begin_tick(loop: LoopMemory) -> None:
     square = 0.0
     for i in range(len(loop.v)):
         square += loop.v[i] * loop.v[i]
-    if math.sqrt(square) <= FARTHEST:
-        loop.stop = int(GO)
-    else:
+    if is_divergent(square):
         loop.stop = int(DIVERGED)
+    else:
+        loop.stop = int(GO)
     loop.k += 1 if loop.started and not loop.ahead else 0
     loop.ahead = False
     loop.t = loop.k * loop.dt
+
+
+def is_divergent(square: float) -> bool:
+    """Judge whether a velocity, of this square of its norm, is no number, or larger than any that a
+    record holds beside its forces and powers.
+    """
+    return not math.sqrt(square) <= FARTHEST
 
 
 def sense(loop: LoopMemory, sensors: SensorsMemory, health: HealthMemory) -> None:
@@ -153,7 +155,7 @@ def begin_screening(loop: LoopMemory, health: HealthMemory) -> None:
         channel.arrived = channel.fresh
         for i in range(channel.size + 1):
             row[i] = math.nan
-        if channel.fresh:
+        if channel.fresh and channel.misshapen == 0:
             row[channel.size] = channel.stamp
             for i in range(channel.size):
                 row[i] = channel.value[i]
@@ -170,16 +172,9 @@ def feed_filter(loop: LoopMemory, health: HealthMemory, filter: FilterMemory) ->
     """Give the filter the command, and the new readings that were not refused."""
     filter.now = loop.t
     filter.has_command = loop.started
-    if loop.started:
-        remaining = math.exp(-(loop.t - filter.before) / RESPONSE_TIME)
-        for i in range(len(loop.response)):
-            loop.response[i] = loop.commanded[i] + remaining * (
-                loop.response[i] - loop.commanded[i]
-            )
-            filter.commanded[6 - loop.n_vehicle + i] = loop.response[i]
-    if loop.started and loop.braked:
-        for j in range(filter.n_joints):
-            filter.joint_x[j][1] = 0.0
+    filter.braked = loop.braked
+    for i in range(len(loop.commanded)):
+        filter.commanded[6 - loop.n_vehicle + i] = loop.commanded[i]
     for k in range(health.n):
         number = health.order[k]
         channel = health.channels[number]
@@ -238,7 +233,6 @@ def inform_controller(
     tick.altimeter_range = loop.range[0]
     tick.age = support.age
     tick.joint_age = support.joint_age
-    loop.phase = tick.mission.phase
     for k in range(len(loop.number)):
         channel = health.channels[loop.number[k]]
         if channel.present:

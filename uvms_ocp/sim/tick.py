@@ -26,6 +26,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.robot.signals import CHANNELS, Command
 from uvms_ocp.sim.controller_steps import ControllerSteps, KernelController, OwnController
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
@@ -33,7 +34,12 @@ from uvms_ocp.sim.estimator_steps import EstimatorSteps, KernelEstimator, OwnEst
 from uvms_ocp.sim.loop_kernels import LoopMemory
 from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.plant_steps import KernelPlant, OwnPlant, PlantSteps
-from uvms_ocp.sim.sensor_steps import KernelSensors, OwnSensors, SensorSteps
+from uvms_ocp.sim.sensor_steps import (
+    KernelSensors,
+    OwnSensors,
+    SensorSteps,
+    readings_in_memory,
+)
 from uvms_ocp.sim.sensors import SensorSuite
 
 _TAKEN_BY: dict[type, type] = {DynamicController: DynamicPlant, KinematicController: KinematicPlant}
@@ -62,8 +68,14 @@ class Tick:
         self.memory = loop
         """Memory through which the parts pass values to each other."""
         self._arrays = arrays_of(loop)
-        self._keeps_readings = bool(kept_readings)
-        monitor = estimator.monitor if as_kernels.estimator else None
+        self._kept_readings = kept_readings
+        self._monitor: HealthMonitor | None = None
+        if isinstance(estimator, GuardedEstimator):
+            self._monitor = estimator.monitor
+        if kept_readings and self._monitor is None:
+            raise InvalidInput(
+                "readings are kept by the monitor of a GuardedEstimator; give one, or keep none"
+            )
         self.plant: PlantSteps
         if as_kernels.plant:
             self.plant = KernelPlant(loop, plant, dt)
@@ -72,10 +84,9 @@ class Tick:
             self.plant = OwnPlant(loop, plant, dt, accelerates=accelerates)
         self.sensors: SensorSteps
         if as_kernels.sensors:
-            assert monitor is not None
-            self.sensors = KernelSensors(loop, sensors.__self__, monitor.memory, kept_readings)
+            self.sensors = KernelSensors(loop, sensors.__self__, estimator.monitor.memory)
         else:
-            self.sensors = OwnSensors(loop, sensors, self.plant, kept_readings, monitor)
+            self.sensors = OwnSensors(loop, sensors, self.plant, self._monitor)
         self.estimator: EstimatorSteps
         if as_kernels.estimator:
             self.estimator = KernelEstimator(loop, estimator)
@@ -85,7 +96,6 @@ class Tick:
                 estimator,
                 self.sensors,
                 self._command_before,
-                informs=as_kernels.controller,
             )
         self.controller: ControllerSteps
         if as_kernels.controller:
@@ -116,8 +126,9 @@ class Tick:
         Raises `InvalidInput` for telemetry under a name that the loop records.
         """
         loop = self.memory
-        sources = self.sensors.sources()
-        if self._keeps_readings:
+        sources = dict[str, Source]()
+        if self._monitor is not None and self._kept_readings:
+            sources = readings_in_memory(loop, self._monitor.memory, self._kept_readings)
             sources["brakes"] = number_in_memory(loop, "braked")
         sources |= {"t": number_in_memory(loop, "t"), "q": self._arrays.q, "v": self._arrays.v}
         sources |= self.estimator.sources()
@@ -225,7 +236,7 @@ def _loop_memory(plant: Any, estimator: Any, controller: Any, as_kernels: _AsKer
     if as_kernels.controller:
         n_thrusters = len(controller.kinematic.robot.description.thrusters)
     n_measured = 1
-    if as_kernels.estimator:
+    if isinstance(estimator, GuardedEstimator):
         n_measured += max(channel.size for channel in estimator.monitor.memory.channels)
     sizes = {
         "n_q": len(plant.state.q),

@@ -15,6 +15,8 @@ from uvms_ocp.checks import (
     replace_unchecked,
     unchecked_constructor,
 )
+from uvms_ocp.codegen.kernel_layout import number_in_memory
+from uvms_ocp.codegen.sequence import Source, values_of
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.residual_filter import residual_filter_for
 from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
@@ -158,6 +160,18 @@ class DynamicController(TableDisplay):
         """The force layer."""
         return self._tick
 
+    def force_series(self) -> dict[str, Source]:
+        """Return the series of the force layer for the record, on the memory that the newest tick
+        has left; verdicts on thrusters and joints are those of `monitor`.
+        """
+        outputs = self._tick.places()
+        return {
+            "disturbance": outputs["disturbance"],
+            "wrench": outputs["vehicle_force"],
+            "unreachable": outputs["unreachable"],
+            "saturated": number_in_memory(self.memory.allocation, "saturated"),
+        }
+
     @checked
     def catch_up(
         self, estimate: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]
@@ -240,7 +254,7 @@ class DynamicController(TableDisplay):
         """Make the command of these outputs, and feed the layer below back what the thrusters
         met.
         """
-        thrust, torque, disturbance, wrench, unreachable, push = outputs
+        thrust, torque, *_, push = outputs
         allocation = self._allocation
         short = bool(self._allocation.saturated)
         if short:
@@ -253,13 +267,7 @@ class DynamicController(TableDisplay):
             )
         spent = self._tick.state.spent.item()
         self.kinematic.on_actuation_feedback(self._feedback(short, push.item(), spent))
-        telemetry = {
-            **command.telemetry,
-            "disturbance": disturbance,
-            "wrench": wrench,
-            "unreachable": unreachable,
-            "saturated": short,
-        }
+        telemetry = {**command.telemetry, **values_of(self.force_series()), "saturated": short}
         if self.monitor is not None:
             telemetry |= self.monitor.telemetry()
         if self.learner is not None:

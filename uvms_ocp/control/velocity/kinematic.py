@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
-from uvms_ocp.codegen.kernel_layout import arrays_of
+from uvms_ocp.codegen.kernel_layout import arrays_of, number_in_memory
 from uvms_ocp.codegen.kernels import bind_memory
+from uvms_ocp.codegen.sequence import Source, values_of
 from uvms_ocp.control.velocity import (
     goal_tracks,
     goals as task_goals,
@@ -129,9 +130,11 @@ class KinematicController(TableDisplay):
             memory, (velocity_tick.prepare_tick, velocity_tick.commit_velocity)
         )
         if self.whole is None:
-            self._finish = self._finish_by(solver)
+            solved, self._finish = self._finish_by(solver)
         else:
-            self._finish = velocity_tick.finish_in_c(self.whole)
+            solved, self._finish = velocity_tick.finish_in_c(self.whole)
+        self._solved: velocity_tick.Solved = solved
+        self._tick_time = np.zeros(())
         self._guarding = position_guards.ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
@@ -249,6 +252,8 @@ class KinematicController(TableDisplay):
             freshness=freshness,
             restriction=restriction,
             damps_turns=velocity_tick.damps_turns(memory),
+            blind=bool(velocity_tick.is_blind(memory)),
+            stopped=bool(velocity_tick.is_stopped(memory)),
         )
 
     @checked_on_failure
@@ -266,15 +271,16 @@ class KinematicController(TableDisplay):
             self._parameters.ask(tick.mission, tick.t)
         if self._feedback is not self._applied_feedback:
             self._feel()
-        solved = self._finish()
+        self._finish()
         self._settle(tick, 1)
+        self._tick_time[...] = perf_counter() - tick.begin
         command = unchecked_command(
             v=arrays.command.copy(),
             hold=tick.blind,
             stop=tick.stopped,
             brakes=tick.restriction.joints_held,
             finished=self._state.over,
-            telemetry=_telemetry(tick, solved, arrays.reported.copy(), self.memory.share),
+            telemetry=values_of(self.series()),
         )
         if self.guide is None:
             return command
@@ -341,7 +347,31 @@ class KinematicController(TableDisplay):
         self.follow(new)
         return new
 
-    def _finish_by(self, solver: HierarchySolver) -> Callable[[], velocity_tick.Solved]:
+    def series(
+        self, *, solve_time: Source | None = None, tick_time: Source | None = None
+    ) -> dict[str, Source]:
+        """Return the series of a tick for the record, on the memory that the newest tick has left.
+
+        solve_time, tick_time [s]: measured by somebody else, where Python does not call the tick.
+        """
+        memory = self.memory
+        solved = self._solved
+        return {
+            "phase": number_in_memory(memory, "phase"),
+            "activations": self._arrays.gates,
+            "activity": solved.activity,
+            "residual": solved.residual,
+            "quantities": self._arrays.reported,
+            "status": solved.status,
+            "viable_share": number_in_memory(memory, "share"),
+            "solve_time": solved.solve_time if solve_time is None else solve_time,
+            "freshness": number_in_memory(memory, "freshness"),
+            "tick_time": self._tick_time if tick_time is None else tick_time,
+        }
+
+    def _finish_by(
+        self, solver: HierarchySolver
+    ) -> tuple[velocity_tick.Solved, Callable[[], None]]:
         tick = solver.bind(self.problem.function, self.problem.sizes)
         inputs = inputs_of(self._arrays, arrays_of(self.memory.goals))
         if isinstance(tick, InPlaceTick):
@@ -350,7 +380,7 @@ class KinematicController(TableDisplay):
             solve = partial(tick, *inputs)
         (finish,) = bind_memory(self.memory, (velocity_tick.finish_tick,))
         return velocity_tick.finish_by(
-            solve, partial(finish, self.memory), self._arrays, self.memory
+            solve, partial(finish, self.memory), self.problem, self._arrays, self.memory
         )
 
     @checked_on_failure
@@ -447,26 +477,6 @@ class KinematicController(TableDisplay):
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
-
-
-def _telemetry(
-    tick: TickInputs, solved: velocity_tick.Solved, quantities: np.ndarray, share: float
-) -> dict[str, Any]:
-    """Return the series of a tick for the record."""
-    status, residual, activity, solve_time = solved
-    telemetry = {
-        "phase": tick.mission.phase,
-        "activations": tick.gates,
-        "activity": activity,
-        "residual": residual,
-    }
-    telemetry |= {
-        "quantities": quantities,
-        "status": status,
-        "viable_share": share,
-        "solve_time": solve_time,
-    }
-    return telemetry | {"freshness": int(tick.freshness), "tick_time": perf_counter() - tick.begin}
 
 
 def _awaited_limits(phase: Phase, names: tuple[str, ...]) -> dict[int, tuple[str, float]]:

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, structure_of, view
+from uvms_ocp.codegen.kernel_layout import (
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    arrays_of,
+    number_in_memory,
+    structure_of,
+)
 from uvms_ocp.codegen.kernels import bind_memory
 from uvms_ocp.control.velocity import abort, ascent, braking, distances, speed_limit, viability
 from uvms_ocp.control.velocity.goals import load_goals
@@ -53,10 +62,6 @@ which a steady command may change.
 
 _GYRO = CHANNELS.index("angular_velocity")
 
-Solved = tuple[int, np.ndarray, np.ndarray, float]
-"""Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,), time [s] of the
-solver or of both.
-"""
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
@@ -68,6 +73,7 @@ def prepare_tick(tick: TickMemory) -> None:
     tick.age = tick.sound.age
     tick.joint_age = tick.sound.joint_age
     _begin(tick)
+    tick.phase = tick.mission.phase
     restrict(tick.restriction, tick.t, tick.altitude_matters)
     if tick.restriction.attitude_open:
         level_attitude(tick.q)
@@ -215,7 +221,7 @@ def _doubts_altimeter(tick: TickMemory) -> bool:
 
 
 def is_blind(tick: TickMemory) -> bool:
-    """Evaluate the property of `TickInputs` of this name."""
+    """Judge whether no measurement of the velocity can be trusted."""
     return tick.freshness != Freshness.FRESH or tick.restriction.blind
 
 
@@ -229,7 +235,7 @@ def damps_turns(tick: TickMemory) -> bool:
 
 
 def is_stopped(tick: TickMemory) -> bool:
-    """Evaluate the property of `TickInputs` of this name."""
+    """Judge whether nothing is known of the state any more."""
     return tick.freshness == Freshness.LOST or (
         tick.restriction.ended and not tick.restriction.can_ascend
     )
@@ -408,6 +414,8 @@ class VelocityController(Layout):
     """(2,) code of the solver's `Status`, and iterations."""
     residual: Annotated[Vector, Sized("n_rows")]
     """(n_rows,) [m/s, rad/s] residuals of the rows, see `TickResult`."""
+    status: int
+    """Code of the solver's `Status`."""
     usable: Annotated[list[int], Sized("n_statuses")]
     """(n_statuses,) whether a solution of each status has a velocity to use."""
 
@@ -454,9 +462,9 @@ def solve(controller: VelocityController) -> int:
         controller.residual,
     )
     controller.state[:] = controller.new_state
-    status = int(controller.report[0])
-    tick.usable = controller.usable[status] != 0
-    return status
+    controller.status = int(controller.report[0])
+    tick.usable = controller.usable[controller.status] != 0
+    return controller.status
 
 
 def solve_and_finish(controller: VelocityController) -> int:
@@ -497,35 +505,67 @@ def solve_in_c(controller: VelocityController) -> Callable[[VelocityController],
     return run
 
 
-def finish_in_c(controller: VelocityController) -> Callable[[], Solved]:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Solved:
+    """How the hierarchy was solved at the newest tick, in arrays that stay where they are."""
+
+    status: np.ndarray
+    """() code of the `Status`."""
+    residual: np.ndarray
+    """(n_rows,) [m/s, rad/s]"""
+    activity: np.ndarray
+    """(n_activity,)"""
+    solve_time: np.ndarray
+    """() [s] of the solver, or of both solver and end of the tick."""
+
+
+def finish_in_c(controller: VelocityController) -> tuple[Solved, Callable[[], None]]:
     """Return a function that solves the hierarchy and finishes the tick in one call of machine
-    code.
+    code, and where it leaves how.
     """
     run = solve_in_c(controller)
-    residual = view(controller.residual)
-    activity = view(controller.activity)
+    solved = Solved(
+        status=number_in_memory(controller, "status"),
+        residual=arrays_of(controller).residual,
+        activity=arrays_of(controller).activity,
+        solve_time=np.zeros(()),
+    )
 
-    def call() -> Solved:
+    def call() -> None:
         begin = perf_counter()
-        status = run(controller)
-        return status, residual.copy(), activity.copy(), perf_counter() - begin
+        run(controller)
+        solved.solve_time[...] = perf_counter() - begin
 
-    return call
+    return solved, call
 
 
 def finish_by(
-    solve: Callable[[], TickResult], after: Callable[[], None], arrays: Any, memory: TickMemory
-) -> Callable[[], Solved]:
+    solve: Callable[[], TickResult],
+    after: Callable[[], None],
+    problem: LevelsProblem,
+    arrays: Any,
+    memory: TickMemory,
+) -> tuple[Solved, Callable[[], None]]:
     """Return a function that solves the hierarchy by a solver that Python calls, and finishes the
-    tick by `after`. arrays: arrays of the `TickMemory`.
+    tick by `after`, and where it leaves how. arrays: arrays of the `TickMemory`.
     """
+    n_out = problem.function.n_out()
+    solved = Solved(
+        status=np.zeros((), int),
+        residual=np.zeros(sum(problem.sizes)),
+        activity=np.zeros(problem.function.numel_out(n_out - 1)),
+        solve_time=np.zeros(()),
+    )
 
-    def call() -> Solved:
+    def call() -> None:
         result = solve()
         arrays.solved[:] = result.v
         arrays.quantities[:] = result.extras[0]
         memory.usable = result.status.usable
         after()
-        return _STATUS_CODE[result.status], result.residual, result.extras[1], result.solve_time
+        solved.status[...] = _STATUS_CODE[result.status]
+        solved.residual[:] = result.residual
+        solved.activity[:] = result.extras[1]
+        solved.solve_time[...] = result.solve_time
 
-    return call
+    return solved, call

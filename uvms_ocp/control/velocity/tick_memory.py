@@ -41,6 +41,8 @@ class TickMemory(Layout):
 
     mission: MissionMemory
     """Phase of the mission, and since when."""
+    phase: int
+    """Phase of the mission at the beginning of the tick."""
     distress: abort.AbortMemory
     """Reasons to give the mission up."""
     rule: viability.ViabilityMemory

@@ -40,15 +40,7 @@ class TickInputs:
     """Restriction by channels that cannot be trusted."""
     damps_turns: bool = False
     """True where the angular velocity is fed back although the robot is blind."""
-
-    @property
-    def blind(self) -> bool:
-        """True where no measurement of the velocity can be trusted."""
-        return self.freshness is not Freshness.FRESH or self.restriction.blind
-
-    @property
-    def stopped(self) -> bool:
-        """True where nothing is known of the state any more: there is no thrust."""
-        return self.freshness is Freshness.LOST or (
-            bool(self.restriction.abort) and not self.restriction.can_ascend
-        )
+    blind: bool = False
+    """True where no measurement of the velocity can be trusted."""
+    stopped: bool = False
+    """True where nothing is known of the state any more: there is no thrust."""
