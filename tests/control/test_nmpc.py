@@ -148,6 +148,21 @@ def test_strict_priority_of_the_tool_follows_more_closely_than_a_sum(robot: Robo
 
 
 @pytest.mark.slow
+def test_the_plan_that_is_flown_can_be_looked_at(robot: Robot) -> None:
+    """It begins where the robot is, at its beginning, and it is what commands follow."""
+    goal = tool_pose(robot, start_of(robot))
+    nmpc = Nmpc(following(robot, goal), clock=lambda: 0.0)
+    assert nmpc.prediction is None
+    largest_error(robot, nmpc, goal, 0.5)
+    prediction = nmpc.prediction
+    assert prediction is not None
+    assert 0.3 < prediction.begin <= 0.5
+    q, v, _ = prediction.trajectory.state_at(robot.model, 0.0)
+    np.testing.assert_array_equal(q, prediction.trajectory.q[0])
+    assert np.abs(pin.difference(robot.model, start_of(robot), q)).max() < 0.05
+    assert np.isfinite(v).all()
+
+
 def test_while_a_plan_is_late_the_last_one_goes_on(robot: Robot) -> None:
     goal = circle(robot)
     nmpc = Nmpc(following(robot, goal), clock=Stopwatch(7))

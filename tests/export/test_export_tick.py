@@ -13,7 +13,7 @@ from uvms_ocp.export import tick
 from uvms_ocp.export.c_controller import interface_types
 
 PARTS = ("prepare_tick", "hear_forces", "solve_and_finish", "ask_forces", "force_step")
-"""In the order of `DynamicController` and `CompiledLoop`, which take what the force layer met in
+"""In the order of `uvms_ocp.sim.tick`, which takes what the force layer met in
 once the tick is prepared.
 """
 

@@ -53,7 +53,8 @@ class SupervisedController(TableDisplay):
         """
         self.kinematic = kinematic
         """Kinematic layer that follows the mission."""
-        self._wrapped = controller
+        self.wrapped = controller
+        """The other controller."""
         self.name = name
         self._reporting = controller if isinstance(controller, ReportingController) else None
         self._n_alarms = 0
@@ -71,7 +72,7 @@ class SupervisedController(TableDisplay):
         """
         watched = self.kinematic.command(self.kinematic.observe(estimate, t))
         begin = perf_counter()
-        command = self._wrapped(estimate, t)
+        command = self.wrapped(estimate, t)
         spent = perf_counter() - begin
         self._require(command, watched)
         self.kinematic.follow(command)

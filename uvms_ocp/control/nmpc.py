@@ -206,6 +206,16 @@ class Nmpc(TableDisplay):
         )
 
     @property
+    def prediction(self) -> replanning.TimedPlan | None:
+        """Plan that is flown now: states (q, v), forces and thrust over its horizon, and when it
+        begins; `None` before the first tick.
+
+        ``prediction.trajectory.state_at(robot.model, t - prediction.begin)`` is what the robot is
+        expected to do at time t [s].
+        """
+        return self._now
+
+    @property
     def worker_status(self) -> solve_workers.WorkerStatus:
         """State of the worker that makes the plans."""
         return self._worker.status

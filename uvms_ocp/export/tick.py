@@ -135,7 +135,7 @@ def control_force(
 ) -> None:
     """Run one tick down to thrust and torque; a force that is not finite cuts the thrust.
 
-    The order is that of `DynamicController` and `CompiledLoop`: what the force layer met in the
+    The order is that of `uvms_ocp.sim.tick`: what the force layer met in the
     tick before is told between `prepare_tick` and the hierarchy, or what `prepare_tick` smooths of
     it would be a tick ahead.
     """
