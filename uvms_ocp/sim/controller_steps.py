@@ -5,18 +5,18 @@ far as no task, solver or guide of theirs is in Python; others are asked.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any, Protocol
 
 import numpy as np
 
+from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen.kernel_layout import arrays_of, view
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.codegen.sequence import LOOK, Elapsed, Source, Step
 from uvms_ocp.control import DynamicController, KinematicController
-from uvms_ocp.control.force.tick import ask_forces
-from uvms_ocp.control.velocity.tick import is_blind, is_stopped
+from uvms_ocp.control.external import SupervisedController
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.robot.signals import Command, StateEstimate, unchecked_command
 from uvms_ocp.sim import loop_kernels as kernels
@@ -80,6 +80,9 @@ class KernelController:
         self._verdicts = self._copied_verdicts()
         tick = self._kinematic.memory
         self._tick = arrays_of(tick)
+        self._forces = dict[str, np.ndarray]()
+        if isinstance(controller, DynamicController):
+            self._forces = controller.force.places()
 
     def steps(self) -> list[Step]:
         loop = self._loop
@@ -87,28 +90,23 @@ class KernelController:
         tick = self._kinematic.memory
         memories = (loop, health, self._guarded.support, tick)
         (inform,) = bind_kernels((kernels.inform_controller,), map(type, memories))
-        own_steps = self._kinematic.steps()
-        assert own_steps is not None
-        prepare, solve = own_steps
         informing = Step("inform", inform, memories)
-        preparing = Step("prepare", prepare[0], prepare[1:])
-        solving = Step("solve", solve[0], solve[1:])
+        velocity_steps = self._kinematic.steps()
+        assert velocity_steps is not None
+        *preparing, solving = velocity_steps
         plant = self._plant
         controller = self._controller
         if isinstance(controller, DynamicController):
             force = controller.memory
-            hear, ask, end = bind_kernels(
-                (kernels.feed_back, ask_forces, kernels.end_force_tick),
-                map(type, (loop, tick, force)),
+            hear, end = bind_kernels(
+                (kernels.feed_back, kernels.end_force_tick), map(type, (loop, tick, force))
             )
             steps = [
                 informing,
-                preparing,
+                *preparing,
                 Step("hear_forces", hear, (loop, tick, force)),
                 solving,
-                Step("ask_forces", ask, (tick, force)),
-                Step("force", controller.force.kernel, (force,)),
-                Step("end", end, (loop, tick, force)),
+                *controller.steps(),
             ]
             if isinstance(plant, DynamicPlant):
                 memory = plant.memory
@@ -117,37 +115,27 @@ class KernelController:
                     (type(force), type(memory)),
                     compiled=plant.is_compiled,
                 )
-                steps.insert(-1, Step("give", give, (force, memory)))
-            return steps
+                steps.append(Step("give", give, (force, memory)))
+            return [*steps, Step("end", end, (loop, tick, force))]
         (end,) = bind_kernels((kernels.end_velocity_tick,), map(type, (loop, tick)))
-        steps = [informing, preparing, solving, Step("end", end, (loop, tick))]
+        steps = [informing, *preparing, solving]
         if isinstance(plant, KinematicPlant):
             (give,) = bind_kernels((kernels.give_velocity,), map(type, (tick, plant.memory)))
-            steps.insert(-1, Step("give", give, (tick, plant.memory)))
-        return steps
+            steps.append(Step("give", give, (tick, plant.memory)))
+        return [*steps, Step("end", end, (loop, tick))]
 
     def command(self) -> Command:
-        tick = self._kinematic.memory
         command = unchecked_command(
             v=self._tick.command.copy(),
-            hold=bool(is_blind(tick)),
-            stop=bool(is_stopped(tick)),
+            hold=bool(self._loop.blind),
+            stop=bool(self._loop.stopped),
             brakes=bool(self._loop.braked),
             finished=self._kinematic.state.over,
         )
-        controller = self._controller
-        if not isinstance(controller, DynamicController):
+        if not self._forces:
             return command
-        outputs = controller.force.places()
-        return unchecked_command(
-            v=command.v,
-            hold=command.hold,
-            stop=command.stop,
-            brakes=command.brakes,
-            finished=command.finished,
-            thrust=outputs["command"].copy(),
-            torque=outputs["torque"].copy(),
-        )
+        thrust = self._forces["command"].copy()
+        return replace_unchecked(command, thrust=thrust, torque=self._forces["torque"].copy())
 
     def quiet_ticks(self) -> float:
         return self._kinematic.quiet_ticks
@@ -175,16 +163,15 @@ class KernelController:
 
     def command_sources(self, *, has_thrusters: bool) -> dict[str, Source]:
         sources: dict[str, Source] = {"command": self._tick.command}
-        if has_thrusters and isinstance(self._controller, DynamicController):
-            sources["asked_thrust"] = self._controller.force.places()["command"]
+        if has_thrusters and self._forces:
+            sources["asked_thrust"] = self._forces["command"]
         return sources
 
     def sources(self) -> dict[str, Source]:
-        sources = self._kinematic.series(
-            solve_time=Elapsed("solve", "solve"), tick_time=Elapsed("prepare", "solve")
-        )
+        sources = self._kinematic.series(clocked=True)
         if isinstance(self._controller, DynamicController):
             sources |= self._controller.force_series() | self._verdicts
+            sources |= self._controller.load_series()
         sources["controller_time"] = Elapsed("prepare", "end")
         return sources
 
@@ -196,8 +183,55 @@ class KernelController:
         return {name: np.array(value) for name, value in monitor.telemetry().items()}
 
 
+class SupervisedSteps:
+    """A user's own controller, which is asked, and the mission that supervises it, as kernels."""
+
+    gives = False
+
+    def __init__(
+        self,
+        loop: kernels.LoopMemory,
+        controller: SupervisedController,
+        guarded: GuardedEstimator,
+        estimator: EstimatorSteps,
+    ) -> None:
+        """guarded: estimator, whose monitor's memory is read."""
+        self._loop = loop
+        self._controller = controller
+        self._mission = KernelController(loop, controller.kinematic, guarded, estimator, None)
+        self._estimator = estimator
+        self._commands = CommandSeries(loop)
+
+    def steps(self) -> list[Step]:
+        *following, end = self._mission.steps()
+        return [*following, end, Step("control", self._control)]
+
+    def command(self) -> Command:
+        return self._commands.newest()
+
+    def quiet_ticks(self) -> float:
+        return self._mission.quiet_ticks()
+
+    def look(self, ticks: int) -> None:
+        self._mission.look(ticks)
+
+    def is_over(self) -> bool:
+        return self._mission.is_over() or self.command().finished
+
+    def command_sources(self, *, has_thrusters: bool) -> dict[str, Source]:
+        return self._commands.sources(has_thrusters=has_thrusters)
+
+    def sources(self) -> dict[str, Source]:
+        followed = self._controller.kinematic.series(clocked=True)
+        return followed | self._controller.times | self._commands.telemetry()
+
+    def _control(self) -> None:
+        command = self._controller.ask(self._estimator.estimate(), self._loop.t)
+        self._commands.write(command, command.telemetry)
+
+
 class OwnController:
-    """A controller that is asked: a user's own, or one of the toolkit with a part in Python."""
+    """A controller that is asked: any callable, or one of the toolkit with a guide."""
 
     gives = False
 
@@ -212,18 +246,13 @@ class OwnController:
         self._estimator = estimator
         self._events: Any = getattr(getattr(controller, "kinematic", None), "events", ())
         self._n_events = len(self._events)
-        self._command: Command | None = None
-        self._v = SeriesOfObjects()
-        self._thrust = SeriesOfObjects()
-        self._telemetry = SeriesOfObjects()
-        self._commanded = view(loop.commanded)
+        self._commands = CommandSeries(loop)
 
     def steps(self) -> list[Step]:
         return [Step("control", self._control)]
 
     def command(self) -> Command:
-        assert self._command is not None
-        return self._command
+        return self._commands.newest()
 
     def quiet_ticks(self) -> float:
         return math.inf
@@ -232,35 +261,66 @@ class OwnController:
         pass
 
     def is_over(self) -> bool:
-        return self._command is not None and self._command.finished
+        return self.command().finished
 
     def command_sources(self, *, has_thrusters: bool) -> dict[str, Source]:
-        thrust = self._thrust.arrays if has_thrusters else {}
-        return {**self._v.arrays, **thrust}
+        return self._commands.sources(has_thrusters=has_thrusters)
 
     def sources(self) -> dict[str, Source]:
-        return {**self._telemetry.arrays}
+        return self._commands.telemetry()
 
     def _control(self) -> None:
-        loop = self._loop
         estimate = self._estimator.estimate()
         begin = perf_counter()
-        command = self._controller(estimate, loop.t)
+        command = self._controller(estimate, self._loop.t)
         spent = perf_counter() - begin
-        self._command = command
+        telemetry = dict(command.telemetry)
+        telemetry.setdefault("controller_time", spent)  # one that measures itself knows better
+        self._commands.write(command, telemetry)
+        if len(self._events) > self._n_events:
+            self._n_events = len(self._events)
+            self._loop.stop = LOOK
+
+
+class CommandSeries:
+    """Commands of a controller that is asked, as series in memory, and for the rest of the loop."""
+
+    def __init__(self, loop: kernels.LoopMemory) -> None:
+        self._loop = loop
+        self._commanded = view(loop.commanded)
+        self._newest: Command | None = None
+        self._v = SeriesOfObjects()
+        self._thrust = SeriesOfObjects()
+        self._telemetry = SeriesOfObjects()
+
+    def newest(self) -> Command:
+        """Return the newest command."""
+        assert self._newest is not None
+        return self._newest
+
+    def write(self, command: Command, telemetry: Mapping[str, Any]) -> None:
+        """Take down the command of a tick, and its telemetry."""
+        loop = self._loop
+        self._newest = command
         self._v.write({"command": command.v})
         thrust: Any = command.thrust
         if thrust is None and self._thrust.arrays:  # such as with the last command of a run
             thrust = 0.0
         if thrust is not None:
             self._thrust.write({"asked_thrust": thrust})
-        telemetry = dict(command.telemetry)
-        telemetry.setdefault("controller_time", spent)  # one that measures itself knows better
         self._telemetry.write(telemetry)
         loop.started = True
         loop.braked = command.brakes
         if command.v.shape == self._commanded.shape:
             self._commanded[:] = command.v
-        if command.finished or len(self._events) > self._n_events:
-            self._n_events = len(self._events)
+        if command.finished:
             loop.stop = LOOK
+
+    def sources(self, *, has_thrusters: bool) -> dict[str, Source]:
+        """Return the series of what was asked for; has_thrusters: also of thrust."""
+        thrust = self._thrust.arrays if has_thrusters else {}
+        return {**self._v.arrays, **thrust}
+
+    def telemetry(self) -> dict[str, Source]:
+        """Return the series of the telemetry."""
+        return {**self._telemetry.arrays}

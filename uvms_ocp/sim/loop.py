@@ -163,6 +163,8 @@ class Loop:
         """The steps, as far as the plant has not become another one by a fault."""
         self._has_rows = False
         """The series of a row are known: that is after the first tick."""
+        self._telemetry: Mapping[str, Source] = {}
+        """Series of the controller."""
         self._n_looked = 0
         """Ticks that the controller's `look` has seen."""
 
@@ -268,10 +270,7 @@ class Loop:
         command = self._tick.controller.command()
         if command.telemetry or self._sequence is None:
             return command
-        telemetry = {
-            name: self._sequence.value(source)
-            for name, source in self._tick.controller.sources().items()
-        }
+        telemetry = {name: self._sequence.value(source) for name, source in self._telemetry.items()}
         return replace_unchecked(command, telemetry=telemetry)
 
     def estimate(self) -> StateEstimate:
@@ -297,6 +296,7 @@ class Loop:
     def _write_rows(self, sequence: StepSequence) -> None:
         """Have the sequence write its rows into the block of the recorder."""
         sources = self._tick.sources()
+        self._telemetry = self._tick.controller.sources()
         examples = {name: _recorded(name, source) for name, source in sources.items()}
         sequence.write_rows(sources, self.recorder.block(examples))
 

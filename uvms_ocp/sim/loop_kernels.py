@@ -11,6 +11,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.codegen.sequence import DIVERGED, GO, LOOK
 from uvms_ocp.control.force.dynamic import is_at_limit
 from uvms_ocp.control.force.tick import ForceMemory, hear_forces
+from uvms_ocp.control.velocity.tick import is_blind, is_stopped
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.estimation.filter_memory import (
     N_CHANNELS,
@@ -68,6 +69,10 @@ class LoopMemory(Layout):
     """(n_v,) [m/s, rad/s] velocity commanded in the tick before."""
     braked: bool
     """True where joints are locked."""
+    blind: bool
+    """True where no measurement of the velocity can be trusted."""
+    stopped: bool
+    """True where nothing is known of the state any more."""
     has_range: bool
     """True where the robot has an altimeter, whose range the filter estimates."""
     range: Annotated[Vector, Sized(2)]
@@ -287,6 +292,8 @@ def end_velocity_tick(loop: LoopMemory, tick: TickMemory) -> None:
 
 def _end_tick(loop: LoopMemory, tick: TickMemory) -> None:
     loop.started = True
+    loop.blind = is_blind(tick)
+    loop.stopped = is_stopped(tick)
     loop.commanded[:] = tick.command
     if loop.news or tick.eventful or tick.freshness != loop.verdict or is_over(tick.mission):
         loop.stop = LOOK

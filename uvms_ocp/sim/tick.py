@@ -22,13 +22,19 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import arrays_of, assign, number_in_memory, structure_of
 from uvms_ocp.codegen.sequence import Source, Step
 from uvms_ocp.control import DynamicController, KinematicController
+from uvms_ocp.control.external import SupervisedController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.robot.signals import CHANNELS, Command
-from uvms_ocp.sim.controller_steps import ControllerSteps, KernelController, OwnController
+from uvms_ocp.sim.controller_steps import (
+    ControllerSteps,
+    KernelController,
+    OwnController,
+    SupervisedSteps,
+)
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.estimator_steps import EstimatorSteps, KernelEstimator, OwnEstimator
 from uvms_ocp.sim.loop_kernels import LoopMemory
@@ -98,7 +104,9 @@ class Tick:
                 self._command_before,
             )
         self.controller: ControllerSteps
-        if as_kernels.controller:
+        if as_kernels.controller and isinstance(controller, SupervisedController):
+            self.controller = SupervisedSteps(loop, controller, estimator, self.estimator)
+        elif as_kernels.controller:
             taking_plant = plant if as_kernels.gives else None
             self.controller = KernelController(
                 loop, controller, estimator, self.estimator, taking_plant
@@ -179,15 +187,16 @@ class _AsKernels(NamedTuple):
             sensors=has_estimator and suite is not None,
             estimator=has_estimator,
             controller=has_controller,
-            gives=has_plant and has_controller and _TAKEN_BY[type(controller)] is type(plant),
+            gives=has_plant and has_controller and _TAKEN_BY.get(type(controller)) is type(plant),
         )
 
 
 def _has_kernels(controller: Any) -> bool:
-    """Check that no part of a controller is in Python."""
-    if type(controller) not in _TAKEN_BY or controller.kinematic.steps() is None:
-        return False
-    return getattr(controller, "learner", None) is None
+    """Check that a controller is one of the toolkit, or is supervised by it, without a guide, which
+    looks at every tick.
+    """
+    kinds = (*_TAKEN_BY, SupervisedController)
+    return type(controller) in kinds and controller.kinematic.guide is None
 
 
 def _is_plain(estimator: GuardedEstimator, suite: SensorSuite | None) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.control.external import is_finite
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.robot.robot import Robot
@@ -93,6 +94,8 @@ class WatchedPlant(Plant):
                 raise InvalidInput(
                     f"{whose} has {name!r}, which means something else in records; rename it"
                 )
+            return array
+        if array.dtype == float and array.shape == self._shapes[name] != () and is_finite(array):
             return array
         known_values = array
         if name == _MAYBE_UNKNOWN:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -16,13 +16,14 @@ from uvms_ocp.checks import (
     unchecked_constructor,
 )
 from uvms_ocp.codegen.kernel_layout import number_in_memory
-from uvms_ocp.codegen.sequence import Source, values_of
+from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.codegen.sequence import Source, Step, values_of
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.residual_filter import residual_filter_for
 from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
 from uvms_ocp.control.force import thruster_lag, tick_functions, velocity_law
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
-from uvms_ocp.control.force.tick import ForceTick
+from uvms_ocp.control.force.tick import ForceTick, ask_forces
 from uvms_ocp.control.load_filter import LoadLearning
 from uvms_ocp.control.payload import LoadLearner, heaviest_load, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
@@ -132,6 +133,10 @@ class DynamicController(TableDisplay):
         self._at_limits = ""
         self.learner = None if load is None else _learner(laws, load)
         """Learner of the tool's load; `None` where nothing is learnt."""
+        self._loads = dict[str, np.ndarray]()
+        if self.learner is not None:
+            for name, value in self.learner.telemetry().items():
+                self._loads[name] = np.array(value, dtype=float)
 
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
@@ -159,6 +164,40 @@ class DynamicController(TableDisplay):
     def force(self) -> ForceTick:
         """The force layer."""
         return self._tick
+
+    def steps(self) -> list[Step]:
+        """Return the steps of the force layer in a tick, once the velocity layer has left its
+        command in memory.
+        """
+        tick = self.kinematic.memory
+        (ask,) = bind_kernels((ask_forces,), (type(tick), type(self.memory)))
+        asking = Step("ask_forces", ask, (tick, self.memory))
+        forcing = Step("force", self._tick.kernel, (self.memory,))
+        if self.learner is None:
+            return [asking, forcing]
+        return [
+            asking,
+            Step("carry_load", partial(self._carry_load, self.learner)),
+            forcing,
+            Step("learn_load", partial(self._learn_load, self.learner)),
+        ]
+
+    def _carry_load(self, learner: LoadLearner) -> None:
+        """Turn the learnt load with the arm, before the tick."""
+        inputs = self._tick.inputs
+        learner.carry(inputs.q, inputs.v, self._tick.state.estimate)
+
+    def _learn_load(self, learner: LoadLearner) -> None:
+        """Learn from what the tick has observed."""
+        inputs = self._tick.inputs
+        observed = self._tick.observed
+        learner.learn(inputs.q, inputs.v, observed.estimate, observed.share, self._tick.observes)
+        for name, value in learner.telemetry().items():
+            self._loads[name][...] = value
+
+    def load_series(self) -> dict[str, Source]:
+        """Return the series of the load that is learnt, in memory; empty where nothing is."""
+        return {**self._loads}
 
     def force_series(self) -> dict[str, Source]:
         """Return the series of the force layer for the record, on the memory that the newest tick
@@ -244,10 +283,9 @@ class DynamicController(TableDisplay):
         """
         if self.learner is None:
             return self._tick.step(t, sound.joint_age, encoders_trusted, joint_rates_lost)
-        self.learner.carry(sound.q, sound.v, self._tick.state.estimate)
+        self._carry_load(self.learner)
         outputs = self._tick.step(t, sound.joint_age, encoders_trusted, joint_rates_lost)
-        observed = self._tick.observed
-        self.learner.learn(sound.q, sound.v, observed.estimate, observed.share, self._tick.observes)
+        self._learn_load(self.learner)
         return outputs
 
     def _to_command(self, command: Command, outputs: list[np.ndarray]) -> Command:
@@ -270,8 +308,7 @@ class DynamicController(TableDisplay):
         telemetry = {**command.telemetry, **values_of(self.force_series()), "saturated": short}
         if self.monitor is not None:
             telemetry |= self.monitor.telemetry()
-        if self.learner is not None:
-            telemetry |= self.learner.telemetry()
+        telemetry |= values_of(self.load_series())
         return replace_unchecked(
             command,
             thrust=thrust,

@@ -13,7 +13,7 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import arrays_of, number_in_memory
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.codegen.sequence import Source, values_of
+from uvms_ocp.codegen.sequence import Elapsed, Source, Step, values_of
 from uvms_ocp.control.velocity import (
     goal_tracks,
     goals as task_goals,
@@ -172,13 +172,25 @@ class KinematicController(TableDisplay):
         """Quantities as last measured [in their units]; NaN where unknown."""
         return self._named(self._arrays.last_phase_quantities)
 
-    def steps(self) -> list[tuple[Any, ...]] | None:
-        """Return the kernels of a tick with their memories, of which the second solves the
-        hierarchy; `None` where Python takes part.
+    def steps(self) -> list[Step] | None:
+        """Return the steps of a tick, from the inputs in `memory` to the command there; `None` with
+        a guide, which looks at every tick. The last one is `solve`, before which the force layer
+        tells what it met in the tick before.
         """
-        if self.whole is None or self.guide is not None or any(self._parameters.asked):
+        if self.guide is not None:
             return None
-        return [(self.prepare, self.memory), (velocity_tick.solve_in_c(self.whole), self.whole)]
+        steps = [Step("prepare", self.prepare, (self.memory,))]
+        if any(self._parameters.asked):
+            steps.append(Step("ask_goals", self._ask_goals))
+        if self.whole is None:
+            steps.append(Step("solve", self._finish))
+        else:
+            steps.append(Step("solve", velocity_tick.solve_in_c(self.whole), (self.whole,)))
+        return steps
+
+    def _ask_goals(self) -> None:
+        """Ask tasks for goals that no kernel evaluates."""
+        self._parameters.ask(self._state, self.memory.t)
 
     @property
     def without_c_form(self) -> dict[str, str]:
@@ -263,6 +275,13 @@ class KinematicController(TableDisplay):
         self._feedback = feedback
         self._jammed = jammed
 
+    def hear_fault(self, fault: str) -> None:
+        """Take the reason why somebody else's controller cannot go on, for the next tick; empty where
+        it can.
+        """
+        self.on_actuation_feedback(ActuationFeedback(fault=fault))
+        self._feel()
+
     @checked_on_failure
     def command(self, tick: TickInputs) -> Command:
         """Return the command for what `observe` has found."""
@@ -322,6 +341,7 @@ class KinematicController(TableDisplay):
         if self.memory.eventful:
             self._advance(tick)
 
+    @checked_on_failure
     def look_for_swings(self, t: float, ticks: int) -> None:
         """Log swings at time t [s], so many ticks after the last look: all there is to do where
         kernels alone met nothing new.
@@ -347,15 +367,19 @@ class KinematicController(TableDisplay):
         self.follow(new)
         return new
 
-    def series(
-        self, *, solve_time: Source | None = None, tick_time: Source | None = None
-    ) -> dict[str, Source]:
+    def series(self, *, clocked: bool = False) -> dict[str, Source]:
         """Return the series of a tick for the record, on the memory that the newest tick has left.
 
-        solve_time, tick_time [s]: measured by somebody else, where Python does not call the tick.
+        clocked: a sequence of the `steps` measures times.
         """
         memory = self.memory
         solved = self._solved
+        solve_time: Source = solved.solve_time
+        tick_time: Source = self._tick_time
+        if clocked:
+            tick_time = Elapsed("prepare", "solve")
+        if clocked and self.whole is not None:
+            solve_time = Elapsed("solve", "solve")
         return {
             "phase": number_in_memory(memory, "phase"),
             "activations": self._arrays.gates,
@@ -364,9 +388,9 @@ class KinematicController(TableDisplay):
             "quantities": self._arrays.reported,
             "status": solved.status,
             "viable_share": number_in_memory(memory, "share"),
-            "solve_time": solved.solve_time if solve_time is None else solve_time,
+            "solve_time": solve_time,
             "freshness": number_in_memory(memory, "freshness"),
-            "tick_time": self._tick_time if tick_time is None else tick_time,
+            "tick_time": tick_time,
         }
 
     def _finish_by(
