@@ -242,6 +242,27 @@ def test_ctrl_c_leaves_the_rows_so_far(asked: str | None, monkeypatch: pytest.Mo
     np.testing.assert_array_equal(record["q"], whole["q"][: len(record)])
 
 
+def test_ctrl_c_within_a_part_of_ones_own_ends_the_run_after_that_tick() -> None:
+    scenario = case1(**SHORT)
+    ours = scenario.controller
+    caught = list[float]()
+
+    def pressing(scenario: Scenario) -> Any:
+        controller = ours()
+
+        def control(estimate: Any, t: float) -> Any:
+            if t > 1.0 and not caught:
+                caught.append(t)
+                signal.raise_signal(signal.SIGINT)
+            return replace(controller(estimate, t), telemetry={})
+
+        return control
+
+    with pytest.raises(Interrupted) as stop:
+        replace(scenario, controller=pressing).run()
+    assert stop.value.result["t"][-1] == caught[0]
+
+
 def test_parts_of_robots_of_other_sizes_are_refused_as_tick_by_tick() -> None:
     """Kernels would write past the end of their memories."""
     scenario = case1(**SHORT)

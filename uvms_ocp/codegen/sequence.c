@@ -28,8 +28,9 @@ static void copy(const Column *c, long long row) {
 /* Up to n passes, each with a row; ends early after a pass that sets *stop, whose row is left out, and in it where that is above
    1. done: the first pass is made already, and its row is left. Returns how many rows there are. */
 int run_sequence(int n, long long row, int done, int n_steps, const Step *steps, int n_columns, const Column *columns,
-                 const int *stop, double *clock) {
+                 int *stop, double *clock) {
   for (int k = 0; k < n; ++k, done = 0) {
+    if (!done) *stop = 0;
     for (int i = 0; i < n_steps && !done; ++i) {
       void *const *m = steps[i].memory;
       clock[i] = now();

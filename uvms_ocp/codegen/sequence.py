@@ -108,20 +108,25 @@ class StepSequence:
     Without a compiler Python calls the steps and writes the rows, with the same numbers.
     """
 
-    def __init__(self, steps: Sequence[Step], stop: np.ndarray) -> None:
-        """stop (), a whole number of C in one of the memories: it ends the passes where it is
-        `LOOK` or more; a step sets it back to `GO`.
+    def __init__(
+        self, steps: Sequence[Step], stop: np.ndarray, presses: Sequence[object] = ()
+    ) -> None:
+        """stop (), a whole number of C in one of the memories, `GO` at the beginning of each pass:
+        it ends the passes where it is `LOOK` or more. presses: no longer empty once somebody wants
+        to stop, which functions of Python take for `LOOK`.
         """
         self._steps = tuple(steps)
         self._place = {step.name: k for k, step in enumerate(steps)}
         self._stop = stop
+        self._presses = presses
         self._clock = np.zeros(len(steps) + 1)
         self._raised = _Raised()
         self._rows: tuple[tuple[Source, np.ndarray], ...] = ()
         self._run = _runner()
-        # Of functions that C calls nothing else keeps hold.
+        self._calls = [_call_of(step, stop, presses, self._raised) for step in steps]
         self._callbacks: list[Any] = []
-        self._table = (_Step * len(steps))(*map(self._in_c, steps))
+        """What C calls for functions of Python, of which nothing else keeps hold."""
+        self._table = (_Step * len(steps))(*map(self._in_c, steps, self._calls))
         self._columns = (_Column * 0)()
 
     def write_rows(self, sources: Mapping[str, Source], block: Mapping[str, np.ndarray]) -> None:
@@ -136,8 +141,8 @@ class StepSequence:
         """Make up to n passes, and write their rows from this one on; return how many rows were
         written.
 
-        done: the first pass has been made already, by the last call, which it ended. Raises what a
-        function of Python raises.
+        done: the first pass has been made already, by the last call, which it ended. What a function
+        of Python raises ends the passes, see `check`.
         """
         if self._run is None:
             written = self._run_in_python(n, row, done=done)
@@ -146,8 +151,11 @@ class StepSequence:
             stop = ctypes.c_void_p(self._stop.ctypes.data)
             clock = ctypes.c_void_p(self._clock.ctypes.data)
             written = int(self._run(n, ctypes.c_longlong(row), int(done), *tables, stop, clock))
-        self._raised.check()
         return written
+
+    def check(self) -> None:
+        """Raise what a function of Python has raised."""
+        self._raised.check()
 
     def _run_in_python(self, n: int, row: int, *, done: bool) -> int:
         """Do what sequence.c does."""
@@ -161,9 +169,10 @@ class StepSequence:
 
     def _pass(self) -> int:
         """Make one pass; return how it ended."""
-        for k, step in enumerate(self._steps):
+        self._stop[...] = GO
+        for k, call in enumerate(self._calls):
             self._clock[k] = perf_counter()
-            step.kernel(*step.memories)
+            call()
             if self._stop > LOOK:
                 break
         self._clock[-1] = perf_counter()
@@ -180,11 +189,11 @@ class StepSequence:
         """Return where the time begins and ends in the clock."""
         return self._place[elapsed.first], self._place[elapsed.last] + 1
 
-    def _in_c(self, step: Step) -> _Step:
+    def _in_c(self, step: Step, call: Callable[..., None]) -> _Step:
         """Return the addresses of a kernel and its memories."""
         kernel = step.kernel
         if not isinstance(kernel, _MACHINE_CODE):
-            kernel = _CALL(_call_of(step, self._stop, self._raised))
+            kernel = _CALL(call)
             self._callbacks.append(kernel)
         addresses = [ctypes.addressof(memory) for memory in step.memories]
         return _Step(
@@ -221,8 +230,10 @@ class _Raised:
             raise error
 
 
-def _call_of(step: Step, stop: np.ndarray, raised: _Raised) -> Callable[..., None]:
-    """Return the function that C calls for a step in Python."""
+def _call_of(
+    step: Step, stop: np.ndarray, presses: Sequence[object], raised: _Raised
+) -> Callable[..., None]:
+    """Return the function that is called for a step in Python, by C too."""
     kernel = step.kernel
     memories = step.memories
 
@@ -232,6 +243,8 @@ def _call_of(step: Step, stop: np.ndarray, raised: _Raised) -> Callable[..., Non
         except BaseException as error:
             raised.error = error
             stop[...] = RAISED
+        if presses and stop == GO:
+            stop[...] = LOOK
 
     return call
 

@@ -106,6 +106,7 @@ def simulate(
         dt=dt,
         kept_readings=kept_readings or {},
         recorder=recorder,
+        presses=stops,
     )
     looking_on = None
     if progress is not None or observer is not None:
@@ -118,7 +119,7 @@ def simulate(
 
     # A planner within a tick passes the interrupt on.
     with on_interrupt(stops.append), suppress(Interrupted):
-        loop.run(round(duration / dt) + 1, watch or _watch_nothing, looking_on, stops)
+        loop.run(round(duration / dt) + 1, watch or _watch_nothing, looking_on)
     if has_diverged(plant.state):
         when = recorder.last("t")
         _log.warning(
@@ -145,11 +146,14 @@ class Loop:
         dt: float,
         recorder: Recorder,
         kept_readings: Mapping[str, Count],
+        presses: Sequence[object] = (),
     ) -> None:
         """plant, sensors, estimator, controller: of this run alone. dt [s]: control period.
         kept_readings: channels whose new readings are recorded, and how many numbers each has.
+        presses: no longer empty once somebody wants to stop.
         """
         self.recorder = recorder
+        self._presses = presses
         self._tick = Tick(
             plant=plant,
             sensors=sensors,
@@ -178,16 +182,15 @@ class Loop:
         n_ticks: int,
         watch: Watch,
         looking_on: LookingOn | None,
-        stops: Sequence[object],
     ) -> None:
         """Run so many ticks, or until the controller says that all is over, the plant diverges, or
-        there are stops; after the last the plant moves once more.
+        somebody wants to stop; after the last the plant moves once more.
 
         looking_on: called at every tick. watch: see `simulate`.
         """
         n_done = 0
         while n_done < n_ticks:
-            most = 1 if looking_on is not None or stops else n_ticks - n_done
+            most = 1 if looking_on is not None or self._presses else n_ticks - n_done
             n_rows = self.advance(most)
             if self.has_diverged:
                 return
@@ -196,9 +199,9 @@ class Loop:
             if looking_on is not None:
                 looking_on(state, self.command())
             watch(self.t, state)
-            if self.is_over or stops:
+            if self.is_over or self._presses:
                 break
-        if not (self.is_over or stops):
+        if not (self.is_over or self._presses):
             self.move()
 
     def advance(self, most: int) -> int:
@@ -220,10 +223,11 @@ class Loop:
         tick.sensors.begin(n_ticks)
         row = recorder.place
         n_rows = sequence.run(n_ticks, row)
-        tick.sensors.check()
-        if self.has_diverged:
+        if tick.memory.stop > LOOK:
             recorder.filled(n_rows)
+            sequence.check()
             return n_rows
+        tick.sensors.check()
         # The row of a tick with an event is left, as is that of the first tick, whose series were
         # not known.
         is_left = tick.memory.stop == LOOK
@@ -288,7 +292,9 @@ class Loop:
         if not tick.memory.ahead and tick.plant.begin():
             self._sequence = None
         if self._sequence is None:
-            self._sequence = StepSequence(tick.steps(), number_in_memory(tick.memory, "stop"))
+            self._sequence = StepSequence(
+                tick.steps(), number_in_memory(tick.memory, "stop"), self._presses
+            )
             if self._has_rows:
                 self._write_rows(self._sequence)
         return self._sequence

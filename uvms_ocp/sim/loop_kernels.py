@@ -8,7 +8,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
-from uvms_ocp.codegen.sequence import DIVERGED, GO, LOOK
+from uvms_ocp.codegen.sequence import DIVERGED, LOOK
 from uvms_ocp.control.force.dynamic import is_at_limit
 from uvms_ocp.control.force.tick import ForceMemory, hear_forces
 from uvms_ocp.control.velocity.tick import is_blind, is_stopped
@@ -122,8 +122,6 @@ def begin_tick(loop: LoopMemory) -> None:
         square += loop.v[i] * loop.v[i]
     if is_divergent(square):
         loop.stop = int(DIVERGED)
-    else:
-        loop.stop = int(GO)
     loop.k += 1 if loop.started and not loop.ahead else 0
     loop.ahead = False
     loop.t = loop.k * loop.dt
