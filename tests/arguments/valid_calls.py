@@ -779,6 +779,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "CollisionPlan": lambda: fields_of(path_plan()),
     "Coordinates": lambda: fields_of(scene().coordinates),
     "Coordinates.shortest_turn": lambda: {"near": scene().coordinates.x(q())},
+    "DynamicPlant.ask": lambda: {"command": full_command()},
     "DynamicPlant.step": lambda: {"command": full_command(), "dt": 0.001},
     "KinematicPlant.step": lambda: {"dt": 0.001},
     "HeightField": lambda: {

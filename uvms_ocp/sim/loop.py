@@ -192,10 +192,10 @@ class Loop:
         while n_done < n_ticks:
             most = 1 if looking_on is not None or self._presses else n_ticks - n_done
             n_rows = self.advance(most)
-            if self.has_diverged:
+            state = self.state()
+            if self._has_diverged:
                 return
             n_done += n_rows
-            state = self.state()
             if looking_on is not None:
                 looking_on(state, self.command())
             watch(self.t, state)
@@ -256,7 +256,7 @@ class Loop:
         tick.plant.state()
 
     @property
-    def has_diverged(self) -> bool:
+    def _has_diverged(self) -> bool:
         """The plant's motion has grown beyond what a record holds."""
         return self._tick.memory.stop == DIVERGED
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,9 @@ from corruptors import frozen, with_defect
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import sensor_health, summarize
-from uvms_ocp.robot.signals import Readings, State
+from uvms_ocp.robot.signals import Readings, SensorSpecs, State
 from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.viz.health_figures import figure_health
 
@@ -24,19 +26,29 @@ START = 2.0  # [s]
 @pytest.fixture(scope="module")
 def record() -> Record:
     """Record the beginning of Case 1 with an altimeter that freezes."""
-    corrupt = frozen("altimeter_range")
-    read_unchanged = SensorSuite.read
+    scenario = case1(noise=True, seed=1, duration=4.0, dt=0.02)
+    return replace(scenario, sensors=FrozenAltimeter(specs=scenario.specs)).run()
 
-    def read(self: SensorSuite, state: State, t: float) -> Readings:
-        readings = read_unchanged(self, state, t)
-        if t < START:
-            return readings
-        return with_defect(readings, "altimeter_range", corrupt, t)
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(SensorSuite, "read", read)
-        scenario = case1(noise=True, seed=1, duration=4.0, dt=0.02)
-        return scenario.run(observer=lambda t, state, command: None)  # tick by tick, in Python
+@dataclass(frozen=True, kw_only=True)
+class FrozenAltimeter:
+    """Maker of the toolkit's sensors with an altimeter that freezes."""
+
+    specs: SensorSpecs
+
+    def __call__(self, scenario: Scenario) -> Callable[[State, float], Readings]:
+        corrupt = frozen("altimeter_range")
+        suite = SensorSuite(
+            scenario.robot, scenario.environment.seafloor, self.specs, scenario.seed
+        )
+
+        def read(state: State, t: float) -> Readings:
+            readings = suite.read(state, t)
+            if t < START:
+                return readings
+            return with_defect(readings, "altimeter_range", corrupt, t)
+
+        return read
 
 
 @long_without_compiler

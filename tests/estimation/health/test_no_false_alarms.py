@@ -28,6 +28,7 @@ from uvms_ocp.robot.signals import (
 )
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.sensors import SensorSuite
 
 LATE = SensorSpecs(
@@ -80,14 +81,19 @@ def test_sound_readings_pass_as_they_are(robot: Robot, moving: bool) -> None:
 
 @long_without_compiler
 @pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
-def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(
-    monkeypatch: pytest.MonkeyPatch, plant: str
-) -> None:
+def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(plant: str) -> None:
     scenario = case1(plant=plant, duration=1.5, dt=0.02)
     watched = scenario.run()
-    monkeypatch.setattr(GuardedEstimator, "__call__", lambda self, *args: self.estimator(*args))
-    bare = scenario.run(observer=lambda t, state, command: None)  # tick by tick, in Python
-    assert watched.meta.alarms == bare.meta.alarms == ()
+    parts = scenario._parts(None)
+    bare = simulate(
+        plant=parts.plant,
+        sensors=parts.sensors,
+        estimator=parts.estimator.estimator,
+        controller=parts.controller,
+        dt=scenario.dt,
+        duration=scenario.duration,
+    ).series()
+    assert watched.meta.alarms == ()
     assert not watched["health"].any()
     for name in ("q", "v", "command", "altimeter_range", "quantities"):
         np.testing.assert_array_equal(watched[name], bare[name])

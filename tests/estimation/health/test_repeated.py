@@ -42,11 +42,11 @@ class InOneKernel:
             return estimate
         monitor = self.guard.monitor
         memory = self.guard.monitor.memory
-        fresh, _ = monitor._ingest(readings)
+        monitor.take_in(readings)
         memory.tick_t = t
         memory.moving = monitor._is_moved(command)
         monitor.ticks[2](memory, self.guard.support, self.guard.repeated)
-        monitor._use(fresh)
+        monitor.screened(readings)
         if memory.n_changed:
             monitor.publish(t)
         return self.guard.estimate()
