@@ -116,7 +116,7 @@ DOUBTS = (
     Doubt("the vehicle accelerates as with", "thrusters exchanged or reversed"),
     Doubt("of what it is commanded, measured by the others", "thrusters dead or weak"),
     Doubt("its times are late, give delay", "commands logged late"),
-    Doubt("of which lag and delay explain", "a delay of commands that is too short"),
+    Doubt("of which lag and delay explain", "a delay of commands that is too short", stated=True),
     # Joints.
     Doubt("of them, and .* positions", "velocities of other joints than positions"),
     Doubt("stays where it is, and its velocity does not", "a position that is dead"),

@@ -42,6 +42,8 @@ PARTS = (
     "s after",
     "s before",
     "give time_unit: ",
+    "give rows that tell them apart, or ",
+    "give rows: {NAME: VALUE}",
     "a fit takes the command before them",
     "is the other in",
     "up to § m/s §",
