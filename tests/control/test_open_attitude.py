@@ -66,7 +66,7 @@ def test_no_drift_or_jump_of_attitude_or_gyro_turns_a_vehicle_over(
 @pytest.mark.parametrize("roll", [0.0, 0.4, 2.0, np.pi])
 def test_a_level_attitude_keeps_place_heading_and_joints(roll: float) -> None:
     heading = 0.7
-    q = np.arange(9.0)
+    q = [float(k) for k in range(9)]
     # Roll in B, after the heading about z.
     q[3:7] = [
         np.sin(roll / 2) * np.cos(heading / 2),
@@ -78,4 +78,4 @@ def test_a_level_attitude_keeps_place_heading_and_joints(roll: float) -> None:
     if roll == np.pi:
         heading = 0.0  # which a vehicle upside down does not have
     np.testing.assert_allclose(q[3:7], [0.0, 0.0, np.sin(heading / 2), np.cos(heading / 2)])
-    np.testing.assert_array_equal(q[[0, 1, 2, 7, 8]], [0.0, 1.0, 2.0, 7.0, 8.0])
+    assert q[:3] + q[7:] == [0.0, 1.0, 2.0, 7.0, 8.0]

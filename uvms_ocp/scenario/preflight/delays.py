@@ -28,8 +28,8 @@ from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 DELAYS = "delays"
 _MARGIN = 1.25  # dead time up to which the loops are stable, over the known one
 _STEP = 1e-5  # [m, rad] of the difference quotients
-# of the bandwidth of joints that a control period leaves at least: with less arms swing, are caught by their
-# brakes, and pass their limits of velocity; with a fifth of it drawn arms do neither
+# of the bandwidth of joints that a control period leaves at least: with less some arms swing, are caught by
+# their brakes, or pass their limits of velocity; with a fifth of it drawn arms do neither
 _LEAST_BANDWIDTH = 0.2
 
 
@@ -70,7 +70,10 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
 
 
 def check_period(setup: Setup) -> Iterator[Finding]:
-    """Check that the control period leaves the loops of joints a bandwidth with which they are held."""
+    """Check that the control period leaves the loops of joints a bandwidth with which they are held.
+
+    Less is no error: shipped arms complete their missions at 0.15 s, with 8 % of it.
+    """
     if not setup.with_forces or not setup.robot.n_joints or "controller" in setup.own_parts:
         return
     gains = setup.gains
@@ -82,10 +85,10 @@ def check_period(setup: Setup) -> Iterator[Finding]:
     longest = setup.dt * kept / _LEAST_BANDWIDTH
     text = (
         f"a control period of {setup.dt:.3g} s leaves the loops of joints {100 * kept:.0f} % of their bandwidth"
-        f" of {gains.joints:.3g}/s: arms swing until brakes catch them; take {longest:.2g} s or less, or"
-        " gains as slow"
+        f" of {gains.joints:.3g}/s: an arm may swing until its brakes are locked, or pass its limits of velocity;"
+        f" take {longest:.2g} s or less, or gains of slower joints"
     )
-    yield Severity.ERROR.finding("control period", text, dt_s=setup.dt, longest_s=longest)
+    yield Severity.WARNING.finding("control period", text, dt_s=setup.dt, longest_s=longest)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
