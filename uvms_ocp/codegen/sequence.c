@@ -1,9 +1,10 @@
 #include <string.h>
 #include <time.h>
 typedef void Kernel(void *, void *, void *, void *);
-typedef struct { Kernel *kernel; void *memory[4]; } Step;
+typedef struct { Kernel *kernel; void *memory[4]; int asked; } Step;
 typedef struct { const char *from; char *to; long long size, stride; int n, kind; } Column;
-enum { SAME, INT_TO_LONG, INT_TO_BYTE, DOUBLE_TO_LONG, DIFFERENCE };
+enum { SAME, INT_TO_LONG, INT_TO_BYTE, DIFFERENCE };
+enum { LOOK = 1, RAISED = 3 };
 
 static double now(void) {
   struct timespec t;
@@ -21,21 +22,25 @@ static void copy(const Column *c, long long row) {
   if (c->kind == DIFFERENCE) *(double *)to = ((const double *)c->from)[c->n] - *(const double *)c->from;
   for (int i = 0; i < c->n && c->kind != SAME && c->kind != DIFFERENCE; ++i) {
     if (c->kind == INT_TO_BYTE) to[i] = (char)((const int *)c->from)[i];
-    else ((long long *)to)[i] = c->kind == INT_TO_LONG ? ((const int *)c->from)[i] : (long long)((const double *)c->from)[i];
+    else ((long long *)to)[i] = ((const int *)c->from)[i];
   }
 }
 
 /* Up to n passes, each with a row; ends early after a pass that sets *stop, whose row is left out, and in it where that is above
-   1. done: the first pass is made already, and its row is left. Returns how many rows there are. */
+   LOOK. A function of Python, asked, sets it to 0 as it begins: what its interpreter raises before that is not lost. done: the
+   first pass is made already, and its row is left. Returns how many rows there are. */
 int run_sequence(int n, long long row, int done, int n_steps, const Step *steps, int n_columns, const Column *columns,
                  int *stop, double *clock) {
   for (int k = 0; k < n; ++k, done = 0) {
     if (!done) *stop = 0;
     for (int i = 0; i < n_steps && !done; ++i) {
       void *const *m = steps[i].memory;
+      const int before = *stop;
       clock[i] = now();
+      if (steps[i].asked) *stop = RAISED;
       steps[i].kernel(m[0], m[1], m[2], m[3]);
-      if (*stop > 1) return k;
+      if (*stop > LOOK) return k;
+      if (*stop < before) *stop = before;
     }
     if (!done) {
       clock[n_steps] = now();

@@ -69,10 +69,9 @@ _CONVERSIONS = {
     ("int32", "int64"): 1,
     ("int32", "int8"): 2,
     ("int32", "bool"): 2,
-    ("float64", "int64"): 3,
 }
 """Codes of conversions, by the types from and to."""
-_DIFFERENCE = 4
+_DIFFERENCE = 3
 """Code of the difference from the value of another step, for a time."""
 _CALL = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * _N_MEMORIES)
 
@@ -82,9 +81,13 @@ _MACHINE_CODE: Any = _CALL.__base__
 
 
 class _Step(ctypes.Structure):
-    """A kernel and its memories, as sequence.c has them."""
+    """A kernel and its memories, and whether it is a function of Python, as sequence.c has them."""
 
-    _fields_ = (("kernel", ctypes.c_void_p), ("memory", ctypes.c_void_p * _N_MEMORIES))
+    _fields_ = (
+        ("kernel", ctypes.c_void_p),
+        ("memory", ctypes.c_void_p * _N_MEMORIES),
+        ("asked", ctypes.c_int),
+    )
 
 
 class _Column(ctypes.Structure):
@@ -154,8 +157,12 @@ class StepSequence:
         return written
 
     def check(self) -> None:
-        """Raise what a function of Python has raised."""
+        """Raise what a function of Python has raised, and `KeyboardInterrupt` where Ctrl-C kept one
+        from being called, which ctypes prints and does not pass on.
+        """
         self._raised.check()
+        if self._stop == RAISED:
+            raise KeyboardInterrupt
 
     def _run_in_python(self, n: int, row: int, *, done: bool) -> int:
         """Do what sequence.c does."""
@@ -171,10 +178,13 @@ class StepSequence:
         """Make one pass; return how it ended."""
         self._stop[...] = GO
         for k, call in enumerate(self._calls):
+            before = int(self._stop)
             self._clock[k] = perf_counter()
             call()
             if self._stop > LOOK:
                 break
+            if self._stop < before:
+                self._stop[...] = before
         self._clock[-1] = perf_counter()
         return int(self._stop)
 
@@ -191,13 +201,17 @@ class StepSequence:
 
     def _in_c(self, step: Step, call: Callable[..., None]) -> _Step:
         """Return the addresses of a kernel and its memories."""
-        kernel = step.kernel
-        if not isinstance(kernel, _MACHINE_CODE):
+        kernel: Any = step.kernel
+        is_asked = not isinstance(kernel, _MACHINE_CODE)
+        if is_asked:
             kernel = _CALL(call)
             self._callbacks.append(kernel)
         addresses = [ctypes.addressof(memory) for memory in step.memories]
         return _Step(
-            ctypes.cast(kernel, ctypes.c_void_p), (ctypes.c_void_p * _N_MEMORIES)(*addresses)
+            # `ctypes.cast` would have the function keep hold of itself, and of all it works on.
+            kernel=ctypes.c_void_p.from_buffer(kernel),
+            memory=(ctypes.c_void_p * _N_MEMORIES)(*addresses),
+            asked=is_asked,
         )
 
     def _column(self, source: Source, rows: np.ndarray) -> _Column:
@@ -239,6 +253,7 @@ def _call_of(
 
     def call(*addresses: int) -> None:
         try:
+            stop[...] = GO  # C takes it for `RAISED` until here
             kernel(*memories)
         except BaseException as error:
             raised.error = error

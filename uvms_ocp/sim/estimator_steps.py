@@ -20,12 +20,15 @@ from uvms_ocp.sim import loop_kernels as kernels
 from uvms_ocp.sim.sensor_steps import SensorSteps
 from uvms_ocp.sim.series_of_objects import SeriesOfObjects
 
+CommandBefore = Callable[[], Command | None]
+"""Returns the command that has been acting since the last tick; `None` at the first."""
+
 
 class EstimatorSteps(Protocol):
     """The estimator of a run, as steps of its ticks."""
 
-    def steps(self) -> list[Step]:
-        """Return the steps."""
+    def steps(self, last_command: CommandBefore) -> list[Step]:
+        """Return the steps. last_command: asked before each estimate."""
 
     def estimate(self) -> StateEstimate:
         """Return the estimate of the tick."""
@@ -47,7 +50,7 @@ class KernelEstimator:
         self._loop = loop
         self._guarded = guarded
 
-    def steps(self) -> list[Step]:
+    def steps(self, last_command: CommandBefore) -> list[Step]:
         loop = self._loop
         guarded = self._guarded
         health = guarded.monitor.memory
@@ -122,24 +125,21 @@ class OwnEstimator:
         loop: kernels.LoopMemory,
         estimator: Any,
         sensors: SensorSteps,
-        last_command: Callable[[], Command | None],
     ) -> None:
         """estimator: a callable ``(Readings, t, command) -> StateEstimate``, such as a
-        `GuardedEstimator`. sensors: whose readings it is given. last_command: returns the command
-        that has been acting since the last tick.
+        `GuardedEstimator`. sensors: whose readings it is given.
         """
         self._loop = loop
         self._estimator = estimator
         self._sensors = sensors
-        self._last_command = last_command
         self._estimate: StateEstimate | None = None
         self._series = SeriesOfObjects()
         self._health = SeriesOfObjects()
 
-    def steps(self) -> list[Step]:
+    def steps(self, last_command: CommandBefore) -> list[Step]:
         guarded = self._estimator
         if not isinstance(guarded, GuardedEstimator):
-            return [Step("estimate", self._ask)]
+            return [Step("estimate", partial(self._ask, last_command))]
         loop = self._loop
         health = guarded.monitor.memory
         begin, note = bind_kernels(
@@ -147,10 +147,11 @@ class OwnEstimator:
             map(type, (loop, health, guarded.support)),
         )
         screen = guarded.monitor.ticks[0]
+        now = arrays_of(health.now)
         return [
             Step("begin_screening", begin, (loop, health)),
             Step("screen", screen, (health,)),
-            Step("estimate", partial(self._ask_guarded, guarded, arrays_of(health.now))),
+            Step("estimate", partial(self._ask_guarded, last_command, guarded, now)),
             Step("note_health", note, (loop, health, guarded.support)),
         ]
 
@@ -167,10 +168,12 @@ class OwnEstimator:
     def health_sources(self) -> dict[str, Source]:
         return {**self._health.arrays}
 
-    def _ask(self) -> None:
-        self._take(self._estimator(self._sensors.readings(), self._loop.t, self._last_command()))
+    def _ask(self, last_command: CommandBefore) -> None:
+        self._take(self._estimator(self._sensors.readings(), self._loop.t, last_command()))
 
-    def _ask_guarded(self, guarded: GuardedEstimator, now: Any) -> None:
+    def _ask_guarded(
+        self, last_command: CommandBefore, guarded: GuardedEstimator, now: Any
+    ) -> None:
         """Ask the estimator within the monitor, and write what it says where kernels read it. now:
         arrays of the monitor's estimate.
         """
@@ -178,7 +181,7 @@ class OwnEstimator:
         monitor = guarded.monitor
         verdicts = monitor.health
         screened = monitor.screened(self._sensors.readings())
-        estimate = guarded.estimate_from(screened, loop.t, self._last_command())
+        estimate = guarded.estimate_from(screened, loop.t, last_command())
         self._take(estimate)
         monitor.memory.n_changed = monitor.health is not verdicts
         now.q[:] = estimate.q

@@ -97,12 +97,7 @@ class Tick:
         if as_kernels.estimator:
             self.estimator = KernelEstimator(loop, estimator)
         else:
-            self.estimator = OwnEstimator(
-                loop,
-                estimator,
-                self.sensors,
-                self._command_before,
-            )
+            self.estimator = OwnEstimator(loop, estimator, self.sensors)
         self.controller: ControllerSteps
         if as_kernels.controller and isinstance(controller, SupervisedController):
             self.controller = SupervisedSteps(loop, controller, estimator, self.estimator)
@@ -119,7 +114,7 @@ class Tick:
         return [
             *self.motion(),
             *self.sensors.steps(),
-            *self.estimator.steps(),
+            *self.estimator.steps(self._command_before),
             *self.controller.steps(),
         ]
 
