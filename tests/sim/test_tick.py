@@ -18,7 +18,7 @@ from uvms_ocp.errors import UvmsError
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.robot.signals import ACCELEROMETER, SensorSpec, SensorSpecs
+from uvms_ocp.robot.signals import ACCELEROMETER, Command, SensorSpec, SensorSpecs, State
 from uvms_ocp.scenario import Scenario, case1, obstacle_field, reach
 from uvms_ocp.sim import loop, tick as sim_tick
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
@@ -261,6 +261,81 @@ def test_ctrl_c_within_a_part_of_ones_own_ends_the_run_after_that_tick() -> None
     with pytest.raises(Interrupted) as stop:
         replace(scenario, controller=pressing).run()
     assert stop.value.result["t"][-1] == caught[0]
+
+
+TOLD: dict[str, Any] = {
+    "turned": np.arange(6.0).reshape(2, 3).T,
+    "backwards": np.arange(6.0)[::-2],
+    "whole": np.arange(3, dtype=np.int32),
+    "saturated": 0.25,
+    "thruster_health": np.array([1.5, 3.0]),
+    "joint_health": 7,
+}
+"""Telemetry of a user: of any layout, and under names that other controllers use."""
+
+
+def test_telemetry_of_ones_own_is_recorded_as_it_is() -> None:
+    scenario = case1(duration=0.05)
+    ours = scenario.controller
+
+    def telling(scenario: Scenario) -> Any:
+        controller = ours()
+        return lambda estimate, t: replace(controller(estimate, t), telemetry=TOLD)
+
+    record = replace(scenario, controller=telling).run()
+    for name, told in TOLD.items():
+        for row in record[name]:
+            np.testing.assert_array_equal(row, told, err_msg=name)
+
+
+def _supervised() -> Scenario:
+    """With a controller of a user's own, which never says that it has finished."""
+    scenario = case1(duration=60.0, dt=1 / 100)
+    ours = scenario.controller
+
+    def telling(scenario: Scenario) -> Any:
+        loop = ours()
+        return lambda estimate, t: replace(loop(estimate, t), telemetry={"own": t}, finished=False)
+
+    return replace(scenario, controller=telling)
+
+
+def test_commands_of_a_supervised_controller_tell_the_mission_and_its_end() -> None:
+    """To who looks on, such as a page that shows the phase, and to who steps by hand."""
+    scenario = _supervised()
+    commands = list[Command]()
+    record = scenario.run(observer=lambda t, state, command: commands.append(command))
+    assert record.run_meta.stopped == ""
+    assert commands[-1].finished
+    assert not commands[-2].finished
+    assert {"own", "phase", "quantities"} <= commands[0].telemetry.keys()
+    assert commands[-1].telemetry["phase"] == record["phase"][-1]
+    stepped = scenario.simulation()
+    assert len(stepped.run()) == len(record)
+    assert stepped.finished
+
+
+class _Flying:
+    """A plant that begins faster than a record holds."""
+
+    takes_forces = False
+
+    def __init__(self, scenario: Scenario) -> None:
+        v = np.full(scenario.robot.n_v, 1e120)
+        self.state = State(q=np.array(scenario.start), v=v, a=np.zeros_like(v))
+
+    def step(self, command: Command, dt: float) -> None:
+        pass
+
+    def telemetry(self) -> dict[str, Any]:
+        return {}
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_a_run_that_begins_diverged_has_its_first_row() -> None:
+    record = replace(case1(**SHORT, plant="kinematic"), plant=_Flying).run()
+    assert record["t"].tolist() == [0.0]
+    assert record.run_meta.stopped == "diverged"
 
 
 def test_parts_of_robots_of_other_sizes_are_refused_as_tick_by_tick() -> None:

@@ -207,7 +207,7 @@ class SupervisedSteps:
         return [*following, end, Step("control", self._control)]
 
     def command(self) -> Command:
-        return self._commands.newest()
+        return replace_unchecked(self._commands.newest(), finished=self.is_over())
 
     def quiet_ticks(self) -> float:
         return self._mission.quiet_ticks()
@@ -216,7 +216,7 @@ class SupervisedSteps:
         self._mission.look(ticks)
 
     def is_over(self) -> bool:
-        return self._mission.is_over() or self.command().finished
+        return self._mission.is_over() or self._commands.newest().finished
 
     def command_sources(self, *, has_thrusters: bool) -> dict[str, Source]:
         return self._commands.sources(has_thrusters=has_thrusters)

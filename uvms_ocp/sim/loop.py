@@ -272,10 +272,10 @@ class Loop:
     def command(self) -> Command:
         """Return the command of the newest tick, with its telemetry."""
         command = self._tick.controller.command()
-        if command.telemetry or self._sequence is None:
+        if self._sequence is None:
             return command
         telemetry = {name: self._sequence.value(source) for name, source in self._telemetry.items()}
-        return replace_unchecked(command, telemetry=telemetry)
+        return replace_unchecked(command, telemetry={**telemetry, **command.telemetry})
 
     def estimate(self) -> StateEstimate:
         """Return the estimate of the newest tick."""
@@ -315,10 +315,10 @@ def _recorded(name: str, source: Source) -> Any:
     """Return a number of the type that records have it in."""
     if isinstance(source, Elapsed):
         return 0.0
+    if source.dtype != np.int32:  # of kernels: they have no other whole numbers
+        return source.copy()
     if name in _FLAGS:
         return source.astype(np.bool_)
     if name in _CODES:
         return source.astype(np.int8)
-    if source.dtype == np.int32:
-        return source.astype(np.int64)
-    return source.copy()
+    return source.astype(np.int64)

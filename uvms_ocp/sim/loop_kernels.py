@@ -120,7 +120,7 @@ def begin_tick(loop: LoopMemory) -> None:
     square = 0.0
     for i in range(len(loop.v)):
         square += loop.v[i] * loop.v[i]
-    if is_divergent(square):
+    if loop.started and is_divergent(square):  # what a run begins with is its first row
         loop.stop = int(DIVERGED)
     loop.k += 1 if loop.started and not loop.ahead else 0
     loop.ahead = False

@@ -16,7 +16,9 @@ _NUMBERS = "biuf"
 
 
 class SeriesOfObjects:
-    """Arrays by the name of the series, of the shapes and types of the values that came first."""
+    """Arrays by the name of the series, of the shapes and types of the values that came first; whole
+    numbers of C, which kernels have for other things too, are longer ones.
+    """
 
     def __init__(self) -> None:
         self.arrays: dict[str, np.ndarray] = {}
@@ -42,7 +44,9 @@ class SeriesOfObjects:
 
 
 def _array(name: str, value: Any) -> np.ndarray:
-    array = np.array(value)
+    array = np.array(value, order="C")  # row by row, as the rows of a record
     if array.dtype.kind not in _NUMBERS:
         raise InvalidInput(f"series {name} is {value!r}; give numbers")
+    if array.dtype == np.int32:
+        return array.astype(np.int64)
     return array
