@@ -14,13 +14,13 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.control import VelocityGains
-from uvms_ocp.errors import UvmsError
+from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import ACCELEROMETER, Command, SensorSpec, SensorSpecs, State
 from uvms_ocp.scenario import Scenario, case1, obstacle_field, reach
-from uvms_ocp.sim import loop, tick as sim_tick
+from uvms_ocp.sim import loop, simulate, tick as sim_tick
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.rough_seafloor import HeightField, Relief
@@ -313,6 +313,27 @@ def test_commands_of_a_supervised_controller_tell_the_mission_and_its_end() -> N
     stepped = scenario.simulation()
     assert len(stepped.run()) == len(record)
     assert stepped.finished
+
+
+@pytest.mark.parametrize("judged_first", [True, False])
+def test_an_estimator_that_judges_channels_now_and_then_is_refused(judged_first: bool) -> None:
+    """Rows would repeat its last judgement, or have none."""
+    scenario = case1(**NOISY)
+    parts = scenario.simulation()._parts
+
+    def estimate(readings: Any, t: float, command: Any) -> Any:
+        estimate = parts.estimator(readings, t, command)
+        return estimate if (t < 0.1) == judged_first else replace(estimate, health=())
+
+    with pytest.raises(InvalidInput, match="health"):
+        simulate(
+            plant=parts.plant,
+            sensors=parts.sensors,
+            estimator=estimate,
+            controller=parts.controller,
+            dt=scenario.dt,
+            duration=0.2,
+        )
 
 
 class _Flying:

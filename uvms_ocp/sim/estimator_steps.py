@@ -203,6 +203,5 @@ class OwnEstimator:
             values["q_std"] = estimate.std
             values["altimeter_std"] = float(estimate.altimeter_std)
         self._series.write(values)
-        if estimate.health:
-            trusts = [channel.trust for channel in estimate.health]
-            self._health.write({"health": np.array(trusts, dtype=np.int8)})
+        trusts = np.array([channel.trust for channel in estimate.health], dtype=np.int8)
+        self._health.write({"health": trusts} if estimate.health else {})

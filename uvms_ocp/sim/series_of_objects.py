@@ -36,9 +36,8 @@ class SeriesOfObjects:
             self.arrays = {name: _array(name, value) for name, value in values.items()}
             return
         if values.keys() != self.arrays.keys():
-            raise InvalidInput(
-                f"row of {', '.join(values)}; give {', '.join(self.arrays)}, as in the first one"
-            )
+            given, first = (", ".join(names) or "nothing" for names in (values, self.arrays))
+            raise InvalidInput(f"row of {given}; give {first}, as in the first one")
         for name, value in values.items():
             self.arrays[name][...] = value
 
