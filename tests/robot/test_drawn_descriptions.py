@@ -161,7 +161,7 @@ def listed_backwards(robot: Robot, mission: DrawnMission, folder: Path) -> Descr
         tasks.append(task)
     payload = mission.options["payload"]
     if payload is not None:
-        payload = checked_copy(payload, link=_renamed(payload.link))
+        payload = payload.model_copy(update={"link": _renamed(payload.link)})
     names = [_renamed(name) for name in robot.joint_names]
     as_is = as_drawn(same, mission, folder)
     return replace(
