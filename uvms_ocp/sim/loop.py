@@ -83,8 +83,8 @@ def simulate(
     `has_diverged`, the rows before it are what there is.
 
     Raises `NameNotFound` for channels that there are not, `InvalidInput` for readings of other
-    sizes and for more ticks than ordinary memory holds, and `Interrupted`, whose result is the
-    recorder, after the tick in which Ctrl-C is pressed.
+    sizes or that no `GuardedEstimator` keeps and for more ticks than ordinary memory holds, and
+    `Interrupted`, whose result is the recorder, after the tick in which Ctrl-C is pressed.
     """
     if recorder is None and not duration / dt <= MOST_TICKS:
         problem = (
