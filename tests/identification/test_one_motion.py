@@ -20,6 +20,7 @@ from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.resampling import rotations
+from uvms_ocp.identification.series_agreement import offset
 from uvms_ocp.identification.tables import write_columns
 from uvms_ocp.identification.turning_checks import estimated_gyro_mounting
 from uvms_ocp.robot.spatial import continuous_quaternions
@@ -303,3 +304,17 @@ def test_a_velocity_of_swings_that_is_late_by_far_is_told_by_its_components(late
     assert (
         f"linear_velocity: {abs(late):.2f} s {direction} against the rate of the position" in text
     )
+
+
+@pytest.mark.parametrize("signs", [(1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, -1.0, -1.0)])
+@pytest.mark.parametrize(("period", "decay"), [(10.0, 20.0), (25.0, 20.0), (60.0, 60.0)])
+def test_swings_that_die_out_in_mirrored_axes_are_not_late(
+    signs: tuple[float, float, float], period: float, decay: float
+) -> None:
+    """Half a period later they were found again, 12 s early, and axes were right by then."""
+    t = np.arange(0.0, 120.0, 0.05)
+    swings = np.sin(2.0 * np.pi * t[:, None] / period + np.array([0.0, 1.0, 2.0]))
+    expected = swings * np.exp(-t / decay)[:, None] * [0.1, 0.1, 1.0]
+    noise = 2.0 * NOISE * np.random.default_rng(0).normal(size=expected.shape)
+    delay, _ = offset(t, expected, t, expected * signs + noise)
+    assert abs(delay) < 0.175

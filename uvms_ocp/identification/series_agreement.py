@@ -129,7 +129,8 @@ def offset(
 
     expected: (m, k) [any] at t (m,) [s]. measured: (n, k) [any] at t_measured (n,) [s]. Magnitudes are
     compared, which have no axes; an offset that is far from any usual one also by components, whose
-    axes may be the right ones: magnitudes of swings repeat.
+    axes may be the right ones: magnitudes of swings repeat. Components that agree in other axes at a usual
+    offset are no far ones: a mirrored swing is one of half a period later.
     """
     after_begin = t > t_measured[0] + _LARGEST_SHIFT
     before_end = t < t_measured[-1] - _LARGEST_SHIFT
@@ -157,12 +158,15 @@ def _agreements(
     t: np.ndarray, expected: np.ndarray, t_measured: np.ndarray, measured: np.ndarray
 ) -> np.ndarray:
     """Correlate expected (m, k) at t (m,) [s] with measured (n, k) at t_measured (n,) [s], at each shift
-    in `_SHIFTS`.
+    in `_SHIFTS`, in the axes in which they agree best; of one column, as they are.
     """
     by_shift = np.empty(len(_SHIFTS))
     for k, shift in enumerate(_SHIFTS):
         shifted = _interpolated(t + shift, t_measured, measured)
-        by_shift[k] = _column_correlation(expected, shifted)
+        if expected.shape[1] == 1:
+            by_shift[k] = _column_correlation(expected, shifted)
+        else:
+            by_shift[k] = _turned_correlation(expected, shifted)
     return by_shift
 
 
@@ -176,6 +180,16 @@ def _column_correlation(x: np.ndarray, y: np.ndarray) -> float:
     x = x - x.mean(axis=0)
     y = y - y.mean(axis=0)
     return float((x * y).sum() / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300))
+
+
+def _turned_correlation(x: np.ndarray, y: np.ndarray) -> float:
+    """Correlate x (m, k) and y (m, k), each about its mean, in the axes of y, turned or mirrored, in which
+    they agree best (orthogonal Procrustes), from 0 to 1.
+    """
+    x = x - x.mean(axis=0)
+    y = y - y.mean(axis=0)
+    singular_values = np.linalg.svd(x.T @ y, compute_uv=False)
+    return float(singular_values.sum() / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300))
 
 
 def _far_offset(
