@@ -12,11 +12,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from uvms_ocp.checks import replace_unchecked
-from uvms_ocp.codegen.kernel_layout import arrays_of, view
+from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.codegen.sequence import LOOK, Elapsed, Source, Step
 from uvms_ocp.control import DynamicController, KinematicController
 from uvms_ocp.control.external import SupervisedController
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.robot.signals import Command, StateEstimate, unchecked_command
 from uvms_ocp.sim import loop_kernels as kernels
@@ -287,7 +288,7 @@ class CommandSeries:
 
     def __init__(self, loop: kernels.LoopMemory) -> None:
         self._loop = loop
-        self._commanded = view(loop.commanded)
+        self._commanded: np.ndarray = arrays_of(loop).commanded
         self._newest: Command | None = None
         self._v = SeriesOfObjects()
         self._thrust = SeriesOfObjects()
@@ -311,8 +312,11 @@ class CommandSeries:
         self._telemetry.write(telemetry)
         loop.started = True
         loop.braked = command.brakes
-        if command.v.shape == self._commanded.shape:
-            self._commanded[:] = command.v
+        if command.v.shape != self._commanded.shape:
+            raise InvalidInput(
+                f"the command's v has shape {command.v.shape}; give {self._commanded.shape}"
+            )
+        self._commanded[:] = command.v
         if command.finished:
             loop.stop = LOOK
 

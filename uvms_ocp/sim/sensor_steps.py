@@ -110,7 +110,10 @@ def readings_in_memory(
     measured = view(loop.measured)
     sources = dict[str, Source]()
     for name, n in kept_readings.items():
-        size = health.channels[NUMBER[name]].size
+        channel = health.channels[NUMBER[name]]
+        if not channel.present:
+            raise InvalidInput(f"{name} is to be kept, and there is no such sensor; leave it out")
+        size = channel.size
         if size != n:
             raise InvalidInput(f"{name} has {size} numbers, {n} are to be kept of it")
         sources[f"measured_{name}"] = measured[NUMBER[name], : n + 1]

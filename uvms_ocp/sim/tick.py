@@ -9,7 +9,15 @@ on, and the series of a record that its memories hold.
                                             command, which the plant hears
 
 Each of the four parts is the toolkit's, whose steps are kernels, or is asked: then one step is a
-function of Python, and those of the other parts stay machine code.
+function of Python, and those of the other parts stay machine code. Steps in Python are
+
+    obey           give a plant of the toolkit what a controller that is asked commands
+    move           ask a plant, and begin: count the tick of the state that it has come to
+    sense, estimate, control            ask sensors, an estimator, a controller
+    ask_goals      ask tasks for goals that no kernel evaluates
+    carry_load, learn_load              before and after force, where a load is learnt
+
+Where readings are passed on as they are, repeat and repeat_range stand for the filter's steps.
 """
 
 from __future__ import annotations
