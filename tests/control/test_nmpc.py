@@ -159,7 +159,9 @@ def test_the_plan_that_is_flown_can_be_looked_at(robot: Robot) -> None:
     assert 0.3 < prediction.begin <= 0.5
     q, v, _ = prediction.trajectory.state_at(robot.model, 0.0)
     np.testing.assert_array_equal(q, prediction.trajectory.q[0])
-    assert np.abs(pin.difference(robot.model, start_of(robot), q)).max() < 0.05
+    off = np.abs(pin.difference(robot.model, start_of(robot), q))
+    assert off[:3].max() < 0.05, "the vehicle keeps its place [m]"
+    assert off[3:].max() < 0.2
     assert np.isfinite(v).all()
 
 
