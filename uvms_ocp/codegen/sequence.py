@@ -21,7 +21,7 @@ class Step(NamedTuple):
     """A step of a sequence."""
 
     name: str
-    """What it is called, once in a sequence."""
+    """Name of the step, which no other step of a sequence has."""
     kernel: Callable[..., Any]
     """A kernel of `bind_kernels`, or any function of Python."""
     memories: tuple[Any, ...] = ()
@@ -38,7 +38,7 @@ class Elapsed(NamedTuple):
 
 
 Source = np.ndarray | Elapsed
-"""What a series of a row is copied from after each pass: an array that stays where it is, or a time."""
+"""Source of a series, copied after each pass: an array that stays where it is, or a time."""
 
 
 def values_of(series: Mapping[str, Source]) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class StepSequence:
         self._run = _runner()
         self._calls = [_call_of(step, stop, presses, self._raised) for step in steps]
         self._callbacks: list[Any] = []
-        """What C calls for functions of Python, of which nothing else keeps hold."""
+        """Functions that C calls for steps in Python, kept alive here."""
         self._table = (_Step * len(steps))(*map(self._in_c, steps, self._calls))
         self._columns = (_Column * 0)()
 
@@ -229,7 +229,7 @@ class StepSequence:
 
 
 class _Raised:
-    """What a function of Python has raised, which C does not pass on."""
+    """Exception of a step in Python, kept until C has returned."""
 
     __slots__ = ("error",)
 

@@ -400,7 +400,7 @@ class Estimator(TableDisplay):
 
     @property
     def std_in_memory(self) -> np.ndarray:
-        """The same on the memory of the kernel."""
+        """View of `std` (n_v,) [m, rad] on the memory of the kernel."""
         return np.asarray(self.memory.std[6 - self._n_vehicle :])
 
     def _require_later(self, t: float) -> None:

@@ -12,11 +12,10 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.identification.command_lags import measured_lag
 from uvms_ocp.identification.data_quality import QualityIssue, check_data_quality
-from uvms_ocp.identification.explained_motion import motion_of
+from uvms_ocp.identification.explained_motion import commands_and_motion
 from uvms_ocp.identification.gravity_checks import G
 from uvms_ocp.identification.mounting_checks import estimated_mounting
 from uvms_ocp.identification.recording import ASPECTS, CHANNEL_KINDS, Recording
-from uvms_ocp.identification.resampling import ZeroOrderHold
 from uvms_ocp.identification.turning_checks import estimated_gyro_mounting
 
 _MIN_SHARE = 0.8  # of a motion that is explained, from which on it shows anything
@@ -156,14 +155,7 @@ def _by_gyro(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
 
 def _by_motion(recording: Recording) -> Iterator[tuple[tuple[str, str], str]]:
     """Yield what the motion shows of the times of commands."""
-    names = [name for name in recording.channels if CHANNEL_KINDS[name].command]
-    if not names:
-        return
-    motion = motion_of(recording)
-    if motion is None:
-        return
-    for name in names:
-        held = ZeroOrderHold(recording.channels[name])
+    for name, held, motion in commands_and_motion(recording):
         measured = measured_lag(held, motion, signed=name == "wrench")
         if measured is not None:
             yield (

@@ -17,13 +17,12 @@ from uvms_ocp.identification.explained_motion import (
     SHIFTS,
     ExplainedMotion,
     commanded,
-    motion_of,
+    commands_and_motion,
 )
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
+from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.resampling import ZeroOrderHold
 from uvms_ocp.identification.series_agreement import WAYS, named
 
-_COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
 _MIN_EXPLAINED = 0.3  # share of what drag leaves that a command must explain to be judged
 _MIN_GAIN_OF_SHIFT = 0.1  # share of the same that an implausible time must explain more
 _MIN_GAIN_OF_AXES = 0.3  # share of one axis that different axes of a wrench must explain more
@@ -34,14 +33,7 @@ _WRENCH_ROWS = {"forces": slice(0, 3), "moments": slice(3, 6)}
 
 def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
     """Yield command channels and doubts about them."""
-    names = [name for name in _COMMANDS if name in recording.channels]
-    if not names:
-        return
-    motion = motion_of(recording)
-    if motion is None:
-        return
-    for name in names:
-        held = ZeroOrderHold(recording.channels[name])
+    for name, held, motion in commands_and_motion(recording):
         for text in _command_issues(name, held, motion):
             yield name, text
 

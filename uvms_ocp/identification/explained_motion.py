@@ -4,11 +4,12 @@ and the part of a command that they do not explain either.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
 from uvms_ocp.identification.resampling import (
     GRID,
     ZeroOrderHold,
@@ -48,6 +49,23 @@ class ExplainedMotion:
     def rest(self, values: np.ndarray) -> np.ndarray:
         """Return the part of values (m, k) [any] that drag, weight and turning do not explain."""
         return values - self.basis @ (self.basis.T @ values)
+
+
+def commands_and_motion(
+    recording: Recording,
+) -> Iterator[tuple[str, ZeroOrderHold, ExplainedMotion]]:
+    """Yield the name of each channel of commands, what it commands at any time, and the motion that
+    it has to explain; nothing where that is not known.
+    """
+    names = [name for name, kind in CHANNEL_KINDS.items() if kind.command]
+    recorded = [name for name in names if name in recording.channels]
+    if not recorded:
+        return
+    motion = motion_of(recording)
+    if motion is None:
+        return
+    for name in recorded:
+        yield name, ZeroOrderHold(recording.channels[name]), motion
 
 
 def motion_of(recording: Recording) -> ExplainedMotion | None:

@@ -312,7 +312,8 @@ def weigh_function(laws: ForceLaws) -> ca.Function:
     carry it keep their disturbance; without a vehicle, or a tool, nothing is explained.
     """
     x, (inputs, state) = _symbols(laws, inputs=ForceInputs, state=ForceState)
-    weighed, explained = state.estimate, ca.SX(0.0)
+    weighed = state.estimate
+    explained = ca.SX(0.0)
     n = laws.robot.n_vehicle
     if laws.observer is not None and n and laws.robot.n_joints:
         body = laws.velocity.dynamics
