@@ -101,7 +101,7 @@ def _smallest_displacement(
 def _axes(problem: OcpProblem) -> list[str]:
     """Return the names of all velocities."""
     vehicle = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")
-    joints = [f"rate of {name!r}" for name in problem.robot.joint_names]
+    joints = [f"rate of {name!r}" for name in problem.robot.joint_of_axis]
     return [*vehicle[: problem.robot.n_vehicle], *joints]
 
 

@@ -107,6 +107,13 @@ class Robot:
         return tuple(joint.name for joint in self.joints)
 
     @property
+    def joint_of_axis(self) -> tuple[str, ...]:
+        """Name of the joint that each of the n_joints velocities belongs to, of planar joints three."""
+        return tuple(
+            joint.name for joint in self.joints for _ in range(joint.v.start, joint.v.stop)
+        )
+
+    @property
     def endless_joints(self) -> tuple[str, ...]:
         """Names of the joints that turn without end."""
         return tuple(joint.name for joint in self.joints if joint.endless)

@@ -208,7 +208,7 @@ class ActuatorMonitor:
     def update(self, t: float) -> None:
         """Take over what detection at time t [s] has changed, and log alarms."""
         self._refresh()
-        names = self._robot.joint_names
+        names = self._robot.joint_of_axis
         thrusters = self._robot.description.thrusters
         i = self._memory.thruster
         for j in range(len(self.joints)):

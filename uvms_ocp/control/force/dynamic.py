@@ -234,7 +234,7 @@ class DynamicController(TableDisplay):
         joint = self.memory.overspeed.joint
         if joint >= 0:
             lock = self.memory.overspeed.lock
-            name = self._joint_name(joint)
+            name = self._robot.joint_of_axis[joint]
             what = "about to be faster than it may, unasked"
             if self.memory.overspeed.shaking:
                 what = "shakes unasked"
@@ -242,16 +242,11 @@ class DynamicController(TableDisplay):
             self.kinematic.watchdog.alarms.append((t, alarm))
         moving = self.memory.overspeed.moving
         if moving >= 0:
-            name = self._joint_name(moving)
+            name = self._robot.joint_of_axis[moving]
             alarm = f"{name} seems to move though brakes lock it: its readings are wrong, it stays locked"
             self.kinematic.watchdog.alarms.append((t, alarm))
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, t)
-
-    def _joint_name(self, axis: int) -> str:
-        """Return the name of the joint that an axis of the arm, counted from its first, belongs to."""
-        k = self._robot.n_vehicle + axis
-        return next(joint.name for joint in self._robot.joints if joint.v.start <= k < joint.v.stop)
 
     def _feedback(self, short: bool, push: float, spent: float) -> ActuationFeedback:
         return _feedback(
