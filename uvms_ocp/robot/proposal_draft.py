@@ -16,7 +16,7 @@ from uvms_ocp.robot.name_words import NameWords
 from uvms_ocp.robot.proposed_water import WATER_DENSITY, rounded
 from uvms_ocp.robot.roles import CHOOSE, Roles
 from uvms_ocp.robot.simulator_water import SimulatorBlocks, unread_lines
-from uvms_ocp.robot.size import size, weight
+from uvms_ocp.robot.size import mass, size
 from uvms_ocp.robot.up_axis import TURN, signs_of_z_down
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading
 
@@ -404,10 +404,10 @@ def _motor(model: pin.Model, joint: limits.Joint, moved: np.ndarray) -> dict[str
         return {"acceleration": 1.0}
     motor = {"acceleration": float(f"{2.0 * speed:.3g}")}
     if 0.0 < effort < 1e4:
-        mass = weight(model) / float(np.linalg.norm(model.gravity.linear))
-        smallest = min(_SMALLEST_ROTOR, _ROTOR_SHARE * mass * size(model) ** 2)
+        moving_mass = mass(model)
+        smallest = min(_SMALLEST_ROTOR, _ROTOR_SHARE * moving_mass * size(model) ** 2)
         if joint.slides:
-            smallest = min(_SMALLEST_SLIDE, _SLIDE_SHARE * mass)
+            smallest = min(_SMALLEST_SLIDE, _SLIDE_SHARE * moving_mass)
         largest = max(float(moved[joint.idx_v]), smallest)
         rotor = min(SPIN_UP * effort / speed, largest)
         motor["rotor_inertia"] = float(f"{rotor:.3g}")

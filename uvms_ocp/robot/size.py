@@ -12,20 +12,21 @@ import pinocchio as pin
 if TYPE_CHECKING:
     from uvms_ocp.robot.robot import Robot
 
+_GRAVITY = 9.81  # [m/s2] of a weight as a unit, which a model without gravity has, too
 _WATER_DENSITY = 1000.0  # [kg/m3]
 _LIGHTEST = 1e-9  # [kg] mass of a robot without any
 
 
 def weight(model: pin.Model) -> float:
-    """Return the weight [N] of all moving bodies in air."""
-    return float(np.linalg.norm(model.gravity.linear)) * _mass(model)
+    """Return the weight [N] of all moving bodies in air on Earth, whatever gravity the model has."""
+    return _GRAVITY * mass(model)
 
 
 def size(model: pin.Model) -> float:
     """Return the side [m] of a cube of water that is as heavy as all moving bodies, such as 0.25 m for
     15 kg. A fixed base does not count.
     """
-    return float(np.cbrt(_mass(model) / _WATER_DENSITY))
+    return float(np.cbrt(mass(model) / _WATER_DENSITY))
 
 
 def joint_units(robot: Robot) -> np.ndarray:
@@ -48,7 +49,7 @@ def joint_strength(robot: Robot) -> np.ndarray:
     return np.maximum(by_weight, np.where(np.isfinite(effort), effort, 0.0))
 
 
-def _mass(model: pin.Model) -> float:
+def mass(model: pin.Model) -> float:
     """Return the mass [kg] of all moving bodies, never 0."""
     masses = [float(inertia.mass) for inertia in model.inertias[1:]]
     return max(sum(masses), _LIGHTEST)
