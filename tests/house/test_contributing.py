@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from fnmatch import fnmatch
 
 import package_ast as house
 
@@ -26,6 +27,19 @@ def test_every_package_has_a_row() -> None:
     named = {path.split("/")[0] for path in _named_paths(PAGE.read_text(encoding="utf-8"))}
     packages = {folder.parent.name for folder in house.ROOT.glob("*/__init__.py")}
     assert packages - named == set()
+
+
+def test_every_file_of_the_package_is_named() -> None:
+    words = set(re.findall(r"[\w*]+", PAGE.read_text(encoding="utf-8")))
+    patterns = [word for word in words if "*" in word.strip("*")]
+    unnamed = [
+        str(path.relative_to(house.ROOT))
+        for path in sorted(house.ROOT.rglob("*.py"))
+        if not path.stem.startswith("__")
+        and path.stem not in words
+        and not any(fnmatch(path.stem, pattern) for pattern in patterns)
+    ]
+    assert unnamed == []
 
 
 def test_a_name_that_is_nowhere_is_told_in_either_column() -> None:
