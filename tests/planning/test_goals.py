@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from tiny_robots import TINY, robot_of
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound
 from uvms_ocp.planning.distances import CoalDistances
@@ -13,6 +17,8 @@ from uvms_ocp.planning.request import PostureGoal, ToolGoal
 from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import obstacle
+from uvms_ocp.scenario.preflight.arm_reach import ArmReach
 
 
 @pytest.fixture(scope="module")
@@ -128,3 +134,39 @@ def test_an_attitude_is_reached_the_short_way_round(
     )
     assert x is not None
     assert abs(x[3] - scene.coordinates.x(start)[3]) <= np.pi + 1e-9
+
+
+@pytest.mark.parametrize("with_attitude", [False, True])
+def test_an_arm_of_one_joint_reaches_with_its_tool(with_attitude: bool) -> None:
+    """Its Jacobian was one of no columns: a raw error of NumPy."""
+    arm = robot_of(TINY["fixed base, no thrusters"])
+    q = arm.configuration(joints={arm.joint_names[0]: 0.4})
+    tool = Kinematics(arm, q).pose("tool")
+    rpy = None
+    if with_attitude:
+        rpy = tuple(pin.rpy.matrixToRpy(tool.rotation).tolist())
+    distances = CoalDistances(collision_scene(coordinates(arm), []))
+    goal = ToolGoal(position=tuple(tool.translation.tolist()), rpy=rpy)
+    x = goal.as_coordinates(distances, seed=0)
+    np.testing.assert_allclose(x, [0.4], atol=1e-5)
+
+
+def test_distances_of_an_arm_of_one_joint_change_as_their_gradients_say() -> None:
+    pad = """<link name="pad"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+      <joint name="pad_mount" type="fixed"><parent link="arm0"/><child link="pad"/>
+        <origin xyz="0.3 0 0"/></joint>"""
+    arm = robot_of(replace(TINY["fixed base, no thrusters"], more=pad))
+    ball = obstacle("ball", coal.Sphere(0.1), [0.6, 0.0, 0.3])
+    distances = CoalDistances(collision_scene(coordinates(arm), [ball]))
+    x = np.array([[0.2]])
+    near = distances.near(x, np.full(len(distances.scene.pairs), 10.0))
+    assert np.abs(near.gradient).max() > 0.1
+    h = 1e-6
+    slopes = (distances.distances(x + h) - distances.distances(x - h))[0] / (2 * h)
+    np.testing.assert_allclose(near.gradient[:, 0], slopes[near.pair], atol=1e-5)
+
+
+def test_inverse_kinematics_of_an_arm_of_one_joint() -> None:
+    arm = robot_of(TINY["fixed base, no thrusters"])
+    goal = Kinematics(arm, arm.configuration(joints={arm.joint_names[0]: 0.4})).pose("tool")
+    assert ArmReach(arm, "tool").solve(pin.SE3.Identity(), goal).reached

@@ -182,9 +182,11 @@ class CoalDistances:
         for sample, chosen in _grouped(candidates):
             self._place(configurations[sample])
             self._collect(sample, chosen, limits, near_contacts)
-            jacobians[sample] = pin.computeJointJacobians(
+            joint_jacobians = pin.computeJointJacobians(
                 self.scene.coordinates.robot.model, self._data, configurations[sample]
             )
+            # Pinocchio returns a vector for a single joint.
+            jacobians[sample] = np.reshape(joint_jacobians, jacobians[sample].shape)
         if not near_contacts:
             return no_near_pairs(self.scene.fold)
         samples, pairs, distances, normals, points, centres = map(

@@ -144,6 +144,8 @@ def _error(
     pin.framesForwardKinematics(model, data, q)
     X_WF = data.oMf[frame_id]
     by_velocity = pin.computeFrameJacobian(model, data, q, frame_id, pin.LOCAL)
+    # Pinocchio returns a vector for a single joint.
+    by_velocity = np.reshape(by_velocity, (6, model.nv))
     jacobian: Array = by_velocity @ planned.velocity_map(x[None])[0]
     if isinstance(goal, pin.SE3):
         return pin.log6(X_WF.actInv(goal)).vector, jacobian

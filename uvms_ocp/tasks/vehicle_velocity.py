@@ -8,7 +8,7 @@ import casadi as ca
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import symbolic_bodies, thrusters
+from uvms_ocp.robot import Robot, symbolic_bodies, thrusters
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,
@@ -36,6 +36,17 @@ class VehicleVelocity(Task):
         if not self.axes or not set(self.axes) <= set(range(6)):
             raise InvalidInput(f"{self.name}: axes {self.axes}; give some of 0 to 5")
 
+    def axes_of(self, robot: Robot) -> list[int]:
+        """Return `axes`. Raises `InvalidInput` for a robot without a vehicle, whose first velocities
+        are those of its joints.
+        """
+        if not robot.n_vehicle:
+            raise InvalidInput(
+                f"{self.name}: robot {robot.name!r} has a fixed base, and no vehicle with axes"
+                f" {self.axes}; drop the task"
+            )
+        return list(self.axes)
+
 
 @checked_dataclass(eq=False)
 class NullVelocity(VehicleVelocity):
@@ -47,10 +58,11 @@ class NullVelocity(VehicleVelocity):
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Ask for no velocity of the axes [m/s, rad/s]."""
-        return zero_residual(symbols.velocity[list(self.axes)])
+        return zero_residual(symbols.velocity[self.axes_of(symbols.robot)])
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        return equality_rows(symbols.velocity_rows(list(self.axes)), ca.SX.zeros(len(self.axes)))
+        rows = symbols.velocity_rows(self.axes_of(symbols.robot))
+        return equality_rows(rows, ca.SX.zeros(len(self.axes)))
 
 
 @checked_dataclass(eq=False)
@@ -66,7 +78,7 @@ class UnderActuation(VehicleVelocity):
     axes: tuple[int, ...]
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        rows = symbols.velocity_rows(list(self.axes))
+        rows = symbols.velocity_rows(self.axes_of(symbols.robot))
         if self.axes == thrusters.undriven_axes(symbols.robot):
             rows = ca.SX(symbolic_bodies.sparse(thrusters.free_motions(symbols.robot)[1]))
         return equality_rows(rows, rows @ symbols.velocity)

@@ -189,6 +189,8 @@ class ArmReach:
         pin.computeJointJacobians(model, data, from_joint_values(model, joints, q))
         X_WF = pin.updateFramePlacement(model, data, self._frame)
         frame_jacobian = pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
+        # Pinocchio returns a vector for a single joint.
+        frame_jacobian = np.reshape(frame_jacobian, (6, model.nv))
         J = frame_jacobian[:, self._robot.joint_v]
         if self._leans:
             steps = np.copysign(_LEAN_STEP, 0.5 * (self._lower + self._upper) - joints)
