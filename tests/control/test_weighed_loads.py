@@ -13,6 +13,7 @@ from compiler import long_without_compiler
 from test_doubted_encoders import ONSET, hover
 from test_force_tick import laws_of
 
+from uvms_ocp.control.force.tick import ForceTick, _weigh_load
 from uvms_ocp.control.force.tick_functions import (
     ForceInputs,
     ForceLaws,
@@ -94,6 +95,36 @@ def test_what_no_weight_at_a_tool_makes_is_not_explained(name: str) -> None:
     for disturbance in ([0.0, 0.0, 0.0, 10.0, -10.0, 0.0], [30.0, 0.0, 0.0, 0.0, 0.0, 8.0]):
         estimate = np.concatenate([disturbance, np.zeros(robot.n_joints)])
         assert weigh(name, q, estimate)[1] < 0.7
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.4, 0.6, -0.9])
+def test_no_arm_is_let_go_while_its_vehicle_is_carried_off(speed: float) -> None:
+    """Its load was weighed, and brakes let go, though they were to last as long as that."""
+    robot = load_robot("bluerov2_alpha5")
+    q = posture(robot.name, 1)
+    force = np.array(
+        tool_function(robot_dynamics(robot).symbolic, robot.tools)(q, np.zeros(robot.n_v))[0]
+    )[:, 0]
+    joint = int(np.argmax(np.abs(force[6:])))
+    memory = ForceTick(laws(robot.name)).memory
+    memory.inputs.q[:] = q
+    memory.inputs.v[0] = speed * robot.limits.velocity[0]
+    memory.state.estimate[:6] = WEIGHT * force[:6]
+    memory.encoders_trusted = True
+    memory.fallen = joint
+    memory.fell_upwards = bool(force[6 + joint] > 0.0)
+    memory.overspeed.locked_at = 0.0
+    memory.overspeed.locked_until = 32.0
+    memory.t = 5.0
+    _weigh_load(memory)
+    if abs(speed) > 0.5:
+        assert memory.overspeed.locked_until == 32.0
+        assert memory.fallen == joint
+        memory.inputs.v[0] = 0.0
+        memory.t = 6.0
+        _weigh_load(memory)
+    assert memory.overspeed.locked_until == memory.t
+    assert memory.fallen == -1
 
 
 @pytest.mark.slow

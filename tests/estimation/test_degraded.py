@@ -253,3 +253,45 @@ def test_every_mode_says_what_is_still_known_and_losing_more_never_allows_more()
     for first in CHANNELS:
         for second in CHANNELS:
             assert all(a <= b for a, b in zip(lost({first}), lost({first, second}), strict=True))
+
+
+@pytest.mark.parametrize("gyro_back", [0.5, 5.0, 15.0])
+def test_an_attitude_that_stays_suspect_is_open_for_no_longer_than_its_mode_allows(
+    gyro_back: float,
+) -> None:
+    """Once the gyro was good again no mode told when the hold ends, and it lasted for ever."""
+    longest = next(mode.max_duration for mode in DEGRADED_MODES if mode.attitude_open)
+    memory = structure_of(RestrictionMemory)()
+    write_modes(memory)
+    ended = list[float]()
+    attitude = ChannelHealth(channel="attitude", trust=Trust.SUSPECT, since=0.0)
+    gyro = ChannelHealth(channel="angular_velocity", trust=Trust.SUSPECT, since=0.0)
+    for k in range(300):
+        t = 0.1 * k
+        bad = [attitude, gyro] if t < gyro_back else [attitude]
+        write_channels(memory, bad)
+        restrict(memory, t, True)
+        restriction = read_restriction(memory, bad)
+        assert restriction.attitude_open
+        assert restriction.hold
+        if restriction.abort:
+            assert "attitude suspect" in restriction.abort
+            ended.append(t)
+    assert ended[0] == pytest.approx(longest, abs=0.11)
+    assert len(ended) == pytest.approx((30.0 - longest) / 0.1, abs=1.0)
+
+
+def test_an_attitude_that_comes_back_and_goes_again_has_its_time_anew() -> None:
+    memory = structure_of(RestrictionMemory)()
+    write_modes(memory)
+    for begin in (0.0, 15.0):
+        for t in (begin, begin + 10.0):
+            names = ("attitude", "angular_velocity")
+            bad = [ChannelHealth(channel=name, trust=Trust.SUSPECT, since=begin) for name in names]
+            write_channels(memory, bad)
+            restrict(memory, t, True)
+            assert memory.attitude_open
+            assert not memory.ended
+        write_channels(memory, [])
+        restrict(memory, begin + 14.0, True)
+        assert not memory.attitude_open

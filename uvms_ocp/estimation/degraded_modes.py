@@ -157,6 +157,8 @@ class RestrictionMemory(Layout):
     hold: bool
     blind: bool
     attitude_open: bool
+    open_until: float
+    """[s] time after which an open attitude ends the mission, whatever mode still applies."""
     can_ascend: bool
     any_bad: bool
     """Some channel is not good."""
@@ -172,9 +174,11 @@ def restrict(restriction: RestrictionMemory, t: float, altitude_matters: bool) -
     """Combine all modes that apply at t [s] to the channels in the memory. A kernel.
 
     An attitude that was open is so until it is good again: what it was believed to be meanwhile may
-    be any.
+    be any. It ends the mission as soon as the mode would have that opened it.
     """
     was_open = restriction.attitude_open
+    if not was_open:
+        restriction.open_until = math.inf
     _nothing(restriction)
     for c in range(len(restriction.level)):
         restriction.at_fault[c] = False
@@ -186,6 +190,9 @@ def restrict(restriction: RestrictionMemory, t: float, altitude_matters: bool) -
     if was_open and restriction.level[_ATTITUDE] != Trust.GOOD:
         restriction.attitude_open = True
         restriction.hold = True
+        if t > restriction.open_until + SAME_TIME:
+            restriction.ended = True
+            restriction.at_fault[_ATTITUDE] = True
 
 
 def _nothing(restriction: RestrictionMemory) -> None:
@@ -220,6 +227,8 @@ def _apply(restriction: RestrictionMemory, k: int, t: float, altitude_matters: b
     for c in range(len(restriction.level)):
         if needs[c] != 0:
             since = max(since, restriction.since[c])
+    if flags[4] != 0:
+        restriction.open_until = min(restriction.open_until, since + restriction.max_duration[k])
     if t - since > restriction.max_duration[k] + SAME_TIME and (
         altitude_matters or restriction.of_altitude[k] == 0
     ):

@@ -123,7 +123,7 @@ def locks_at_overspeed(
     if t < overspeed.locked_until - SAME_TIME:
         _forget_swings(overspeed)
         moves = _moves_though_locked(overspeed, first, v, period, t)
-        if moves or doubted or _is_carried_off(overspeed, first, v, reference):
+        if moves or doubted or is_carried_off(overspeed, first, v, reference):
             overspeed.locked_until = max(overspeed.locked_until, t + _SHORTEST_LOCK)
             _doubt_after_lock(overspeed)
         overspeed.joint = -1
@@ -153,7 +153,7 @@ def _doubt_after_lock(overspeed: OverspeedMemory) -> None:
     overspeed.doubted_until = max(overspeed.doubted_until, overspeed.locked_until + _DOUBTFUL)
 
 
-def _is_carried_off(overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector) -> bool:
+def is_carried_off(overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector) -> bool:
     """Return whether the vehicle does by far not move as it is asked to."""
     carried_off = False
     for i in range(first):

@@ -27,6 +27,7 @@ from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, effective_th
 from uvms_ocp.control.force import allocation as thrust_allocation, tick_functions
 from uvms_ocp.control.force.overspeed import (
     OverspeedMemory,
+    is_carried_off,
     locks_at_overspeed,
     start_overspeed,
 )
@@ -267,6 +268,8 @@ def _weigh_load(force: ForceMemory) -> None:
     explains both: an arm that brakes let go would fall again by a load that nobody knows of.
 
     One that fell again soon stays locked for as long as it is to be; its load is weighed at the end.
+    A vehicle that is carried off would throw the arm, and what it bears is not the load alone: it is
+    waited for.
     """
     overspeed = force.overspeed
     is_over = force.t >= overspeed.locked_until - SAME_TIME
@@ -278,6 +281,9 @@ def _weigh_load(force: ForceMemory) -> None:
         return
     if not is_steady:
         overspeed.locked_until = overspeed.locked_at + _WEIGHING
+        return
+    first = force.detection.n_vehicle
+    if not is_over and is_carried_off(overspeed, first, force.inputs.v, force.inputs.reference):
         return
     force.weigh(force.inputs, force.state, force.weighed, force.explained)
     if _explains_fall(force):
