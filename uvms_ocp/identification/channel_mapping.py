@@ -20,6 +20,12 @@ they count as measured when they were logged:
         topic: /joint_states
         columns: ["position[shoulder]", "position[elbow]"]
 
+Commands that have a topic, or a column of times, for each thruster come in parts, in the order of the
+robot's thrusters or by their names:
+
+      thrust:
+        parts: [{topic: /thruster_0/cmd, columns: [data]}, {topic: /thruster_1/cmd, columns: [data]}]
+
 What a table of text looks like is found, or given (``table: {delimiter: tab}``). Frames: ``world:
 NED`` and ``body: FRD`` are turned to W with z up and B forward-left-up. A world with z up is taken
 as it is: where it has its x axis changes no fit.
@@ -29,7 +35,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -46,8 +52,8 @@ _OF_CHANNEL = recordings.CHANNEL_TABLE["of_channel"]
 _Numbers = float | tuple[float, ...]
 
 
-class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
-    """Source of one channel: topic or columns, units and frame."""
+class ColumnSource(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
+    """Source of columns: a topic or a table, their times and names, and the rows that count."""
 
     file: str = ""
     """in the folder of the recording, {name} for its name; empty: the file itself"""
@@ -61,7 +67,7 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     """of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need
     none
     """
-    columns: tuple[str | float, ...] = Field(min_length=1)
+    columns: tuple[str | float, ...] = ()
     """in the order that the channel has; -name for the opposite, a number for what is not measured;
     of messages, paths such as position.x, actuators[3]; of tables also places, #1
     """
@@ -69,6 +75,21 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     """only rows or messages that have these values, such as {instance: 0, valid: 1, sensor:
     left}; of messages also by their sender: {system: 1, component: 1} of MAVLink, {publisher:
     /node} or {connection: 0} of ROS
+    """
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the columns or fields that are measured, without their signs."""
+        return tuple(column.removeprefix("-") for column in self.columns if isinstance(column, str))
+
+
+class ChannelMapping(ColumnSource, allow_inf_nan=False, use_attribute_docstrings=True):
+    """Source of one channel: topic or columns, units and frame."""
+
+    parts: tuple[ColumnSource | float, ...] | dict[str, ColumnSource | float] = ()
+    """of a command, in place of topic, time and columns: sources one after the other, such as a
+    topic for each thruster, in the robot's order or by the thrusters' names; a number for one that
+    is not recorded. Each is held from its last sample, from where all are known
     """
     series: Annotated[int, Field(ge=1)] | None = None
     """which of several series, far apart, that alternate in the channel where nothing in the file
@@ -112,9 +133,46 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     """how samples look that are none"""
 
     @property
-    def fields(self) -> tuple[str, ...]:
-        """Names of the columns or fields that are measured, without their signs."""
-        return tuple(column.removeprefix("-") for column in self.columns if isinstance(column, str))
+    def part_names(self) -> tuple[str, ...]:
+        """Names of the parts, such as those of thrusters; empty where they have none."""
+        return tuple(self.parts) if isinstance(self.parts, dict) else ()
+
+    @property
+    def columns_of_parts(self) -> tuple[str | float, ...]:
+        """Columns of all parts one after the other, or those of the channel where it has none."""
+        if not self.parts:
+            return self.columns
+        columns: list[str | float] = []
+        for part in self._parts():
+            if isinstance(part, ColumnSource):
+                columns += part.columns
+            else:
+                columns.append(part)
+        return tuple(columns)
+
+    def mappings_of_parts(self) -> tuple[ChannelMapping | float, ...]:
+        """Return what each part is by itself: its source, in the unit of the channel; numbers as they
+        are.
+        """
+        mappings: list[ChannelMapping | float] = []
+        first = 0
+        for part in self._parts():
+            if not isinstance(part, ColumnSource):
+                mappings.append(part)
+                first += 1
+                continue
+            keys = dict[str, Any](part)
+            last = first + len(part.columns)
+            for name in ("offset", "scale"):
+                values = getattr(self, name)
+                keys[name] = values[first:last] if isinstance(values, tuple) else values
+            mappings.append(self.model_copy(update={**keys, "parts": ()}))
+            first = last
+        return tuple(mappings)
+
+    def _parts(self) -> tuple[ColumnSource | float, ...]:
+        """Return all parts in their order."""
+        return tuple(self.parts.values()) if isinstance(self.parts, dict) else self.parts
 
     @property
     def has_angles(self) -> bool:
@@ -190,6 +248,7 @@ def require_meaning(key: str, mapping: ChannelMapping) -> None:
     Raises NameNotFound for no channel, InvalidInput for a key without meaning.
     """
     require_known("channel", key, recordings.CHANNEL_KINDS)
+    _require_source(key, mapping)
     for name in ("format", "frame", "world", "body"):
         if getattr(mapping, name) is not None and name not in frames_of(key, mapping.frame):
             raise InvalidInput(
@@ -204,11 +263,41 @@ def require_meaning(key: str, mapping: ChannelMapping) -> None:
         )
     for name in ("offset", "scale"):
         values = getattr(mapping, name)
-        if isinstance(values, tuple) and len(values) != len(mapping.columns):
+        if isinstance(values, tuple) and len(values) != len(mapping.columns_of_parts):
             raise InvalidInput(
                 f"{key}: {len(values)} numbers of {name} given; allowed: one, or one for each column"
             )
     _require_width(key, mapping)
+
+
+def _require_source(key: str, mapping: ChannelMapping) -> None:
+    """Check that a channel has either columns or parts, and parts nothing that means nothing of them."""
+    if not mapping.parts:
+        if not mapping.columns:
+            raise InvalidInput(
+                f"{key}: no columns given; allowed: one or more, or parts of a command"
+            )
+        return
+    if not recordings.CHANNEL_KINDS[key].command:
+        commands = [name for name, kind in recordings.CHANNEL_KINDS.items() if kind.command]
+        raise InvalidInput(
+            f"{key}: parts given; allowed: of {', '.join(commands)}, which are held between samples"
+        )
+    for name in ("file", "topic", "time", "time_unit", "columns", "rows", "series", "sent_every"):
+        if getattr(mapping, name):
+            raise InvalidInput(
+                f"{key}: {name} given beside parts; allowed: {name} of each part, if it has any"
+            )
+    sources = [part for part in mapping.mappings_of_parts() if isinstance(part, ChannelMapping)]
+    if not sources:
+        raise InvalidInput(f"{key}: parts of numbers alone given; leave the channel out")
+    for part in sources:
+        if not part.columns:
+            raise InvalidInput(f"{key}: a part without columns given; allowed: one or more columns")
+        if mapping.part_names and len(part.columns) > 1:
+            raise InvalidInput(
+                f"{key}: {len(part.columns)} columns of one name given; allowed: one column of each"
+            )
 
 
 def _require_width(key: str, mapping: ChannelMapping) -> None:
@@ -217,7 +306,7 @@ def _require_width(key: str, mapping: ChannelMapping) -> None:
         width = 3
     else:
         width = len(recordings.CHANNEL_KINDS[key].columns)
-    n_columns = len(mapping.columns)
+    n_columns = len(mapping.columns_of_parts)
     if not width or n_columns == width:
         return
     if n_columns > width:

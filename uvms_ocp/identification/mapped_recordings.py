@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from uvms_ocp.identification.channel_mapping import (
 from uvms_ocp.identification.clock_segments import continued as continued_clocks
 from uvms_ocp.identification.euler_orders import quaternions_of_angles
 from uvms_ocp.identification.interleaved_series import numbers_of_series
+from uvms_ocp.identification.joined_commands import joined_parts
 from uvms_ocp.identification.mapping_doubts import (
     LARGEST_ANGLE,
     channel_doubts,
@@ -64,11 +66,13 @@ def mapped_recording(
     for key, channel_mapping in mapping.channels.items():
         require_meaning(key, channel_mapping)
     name = name or source.name.partition(".")[0]
-    rows = _mapped_rows(source, mapping, name)
-    pass_midnight(rows.values())
-    clocks = continued_clocks({key: table.values[:, 0] for key, table in rows.items()})
-    for key, t in clocks.times.items():
-        rows[key] = replace(rows[key], values=np.column_stack([t, rows[key].values[:, 1:]]))
+    source_rows = _rows_of_sources(source, _sources(mapping), mapping, name)
+    pass_midnight(source_rows.values())
+    clocks = continued_clocks({label: table.values[:, 0] for label, table in source_rows.items()})
+    for label, t in clocks.times.items():
+        values = np.column_stack([t, source_rows[label].values[:, 1:]])
+        source_rows[label] = replace(source_rows[label], values=values)
+    rows = _with_joined_parts(mapping, source_rows)
     channels = {}
     for key, channel_mapping in mapping.channels.items():
         channels[key] = _samples(key, channel_mapping, rows[key])
@@ -133,16 +137,65 @@ def _in_body(key: str, channels: Mapping[str, recordings.Channel]) -> np.ndarray
     return np.einsum("nji,nkj->nki", R, vectors).reshape(len(R), -1)
 
 
-def _mapped_rows(
-    source: Path, mapping: RecordingMapping, name: str
-) -> dict[str, tables.TableColumns]:
-    """Read times [s] and values [as they are] (n, 1 + k) of every channel; from a file of messages
-    all at once.
+class _Source(NamedTuple):
+    """Source of a channel, or of a part of one."""
+
+    key: str
+    """Name of the channel."""
+    mapping: ChannelMapping
+    """Mapping of it, or of the part by itself."""
+
+
+def _sources(mapping: RecordingMapping) -> dict[str, _Source]:
+    """Return the sources of all channels by a name for each in messages: that of the channel, or of
+    its part.
     """
-    tables_by_key: dict[str, tables.TableColumns] = {}
+    sources = {}
+    for key, channel in mapping.channels.items():
+        if not channel.parts:
+            sources[key] = _Source(key, channel)
+        for number, part in enumerate(channel.mappings_of_parts()):
+            if isinstance(part, ChannelMapping):
+                sources[_name_of_part(key, number)] = _Source(key, part)
+    return sources
+
+
+def _name_of_part(key: str, number: int) -> str:
+    """Name a part of a channel, number from 0, in messages."""
+    return f"{key}: part {number + 1}"
+
+
+def _with_joined_parts(
+    mapping: RecordingMapping, rows: Mapping[str, tables.TableColumns]
+) -> dict[str, tables.TableColumns]:
+    """Return the rows of all channels, of those that come in parts joined; rows: by the names of
+    `_sources`.
+    """
+    rows_of_channels = {}
+    for key, channel in mapping.channels.items():
+        if not channel.parts:
+            rows_of_channels[key] = rows[key]
+            continue
+        parts: list[tables.TableColumns | float] = []
+        for number, part in enumerate(channel.mappings_of_parts()):
+            if isinstance(part, ChannelMapping):
+                parts.append(rows[_name_of_part(key, number)])
+            else:
+                parts.append(part)
+        rows_of_channels[key] = joined_parts(key, parts, channel.part_names)
+    return rows_of_channels
+
+
+def _rows_of_sources(
+    source: Path, sources: Mapping[str, _Source], mapping: RecordingMapping, name: str
+) -> dict[str, tables.TableColumns]:
+    """Read times [s] and values (n, 1 + k) [unit of the channel] of sources, by their names; from a file
+    of messages all at once.
+    """
+    rows_by_source: dict[str, tables.TableColumns] = {}
     by_path: dict[Path, dict[str, TopicColumns]] = defaultdict(dict)
     known_topics = cache(topics_of)  # which may read all of a file
-    for key, channel in mapping.channels.items():
+    for label, (key, channel) in sources.items():
         path = source
         if channel.file:
             path = source / channel.file.replace("{name}", name)
@@ -150,13 +203,13 @@ def _mapped_rows(
             # Messages that name no type are of the topic "".
             if not channel.topic and "" not in known_topics(path):
                 raise InvalidInput(
-                    f"{path}: {key} has no topic; give one of {', '.join(known_topics(path))}"
+                    f"{path}: {label} has no topic; give one of {', '.join(known_topics(path))}"
                 )
             time = ""
             if isinstance(channel.time, str):
                 time = channel.time
             unit = recordings.SECONDS[channel.time_unit or "s"]
-            by_path[path][key] = TopicColumns(
+            by_path[path][label] = TopicColumns(
                 topic=channel.topic,
                 columns=channel.fields,
                 time=time,
@@ -164,17 +217,17 @@ def _mapped_rows(
                 rows=tuple(channel.rows.items()),
             )
         else:
-            table = _table_rows(key, channel, path, mapping.table)
-            tables_by_key[key] = _in_unit(key, channel, _chosen(key, channel, table))
+            table = _table_rows(label, channel, path, mapping.table)
+            rows_by_source[label] = _in_unit(key, channel, _chosen(label, channel, table))
     definitions = Path(mapping.messages) if mapping.messages else None
     for path, topics in by_path.items():
-        for key, rows in message_rows(path, topics, definitions).items():
-            channel = mapping.channels[key]
+        for label, rows in message_rows(path, topics, definitions).items():
+            key, channel = sources[label]
             has_seconds = channel.time_unit and isinstance(channel.time, str)
             if not has_seconds:
                 rows = _in_seconds(channel, rows)
-            tables_by_key[key] = _in_unit(key, channel, rows)
-    return tables_by_key
+            rows_by_source[label] = _in_unit(key, channel, rows)
+    return rows_by_source
 
 
 def _in_seconds(mapping: ChannelMapping, rows: tables.TableColumns) -> tables.TableColumns:
@@ -382,7 +435,10 @@ def _samples(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> r
         repeated=len(times) - len(t),
         echoes=n_valid - len(times),
         missing=n_missing,
-        constants=tuple(k for k, name in enumerate(mapping.columns) if not isinstance(name, str)),
+        constants=tuple(
+            k for k, name in enumerate(mapping.columns_of_parts) if not isinstance(name, str)
+        ),
+        columns=mapping.part_names,
     )
 
 

@@ -66,6 +66,14 @@ class _Candidate:
     """True if the cure changes all channels."""
 
 
+def proposed_columns(channel: Mapping[str, Any]) -> list[str | float]:
+    """Return the columns of a proposed channel, of all its parts one after the other."""
+    columns: list[str | float] = []
+    for source in channel.get("parts", [channel]):
+        columns += source["columns"]
+    return columns
+
+
 def apply_cures(
     path: Path, channels: MappedChannels, cures: Sequence[Mapping[str, Any]]
 ) -> tuple[MappedChannels, Mapping[str, list[str]]]:
@@ -182,7 +190,7 @@ def _candidates(
         channel = cure.get("of", doubt.channel)
         if channel not in channels:
             continue
-        last_column = str(channels[channel]["columns"][-1])
+        last_column = str(proposed_columns(channels[channel])[-1])
         if not re.search(cure.get("last_column", ""), last_column.lower()):
             continue
         groups = match.groupdict()
@@ -261,7 +269,7 @@ def _turned(channel: Mapping[str, Any], axes: Sequence[str]) -> list[str | float
     """Return columns of a channel for axes such as ``-y``; empty unless there is an axis for each
     column.
     """
-    if len(channel["columns"]) != len(axes):
+    if "parts" in channel or len(channel["columns"]) != len(axes):
         return []
     letters = "wxyz" if str(channel.get("format")).endswith("wxyz") else "xyzw"
     columns = dict(zip(letters, channel["columns"], strict=False))

@@ -219,7 +219,7 @@ def joined_names(mapping: ChannelMapping, chosen: np.ndarray) -> str:
     """Join the names of time and columns where chosen (1 + k,) is true; a path to an array stands
     for all of its columns.
     """
-    names = [str(mapping.time or "time"), *map(str, mapping.columns)]
+    names = [str(mapping.time or "time"), *map(str, mapping.columns_of_parts)]
     if len(names) != len(chosen):
         return ", ".join(names[1:])
     return ", ".join(name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen)

@@ -23,9 +23,19 @@ import yaml
 from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.identification import channel_mapping, file_kinds, tables
 from uvms_ocp.identification.column_guesses import GuessedName, guessed_names
-from uvms_ocp.identification.mapping_cures import MappedChannels, apply_cures, first_reading
+from uvms_ocp.identification.mapping_cures import (
+    MappedChannels,
+    apply_cures,
+    first_reading,
+    proposed_columns,
+)
 from uvms_ocp.identification.message_fields import paths_by_name
 from uvms_ocp.identification.messages import messages, topics_of
+from uvms_ocp.identification.proposed_parts import (
+    times_of_columns,
+    topics_of_thrusters,
+    with_own_times,
+)
 from uvms_ocp.identification.recording import CHANNEL_KINDS, unit_named
 
 _TABLE = tomllib.loads(
@@ -57,7 +67,7 @@ def propose_mapping(path: Path) -> str:
         names = tables.column_names(path)
         labels_by_topic = {"": dict(zip(names, names, strict=True))}
     guesses = _guesses(path, labels_by_topic)
-    named_channels = _named_channels(forms, labels_by_topic, guesses)
+    named_channels = _named_commands_and_channels(path, forms, labels_by_topic, guesses)
     if not named_channels:
         raise InvalidInput(_no_known_name(path, labels_by_topic))
     channels, cured = apply_cures(path, named_channels, _TABLE["cures"])
@@ -71,11 +81,13 @@ def propose_mapping(path: Path) -> str:
         for column in (str(channel.get("time")), *_names_of(channel)):
             if column in guesses:
                 by_values.append(guesses[column].evidence)
-        is_constant = 0.0 in channel["columns"]
+        is_constant = 0.0 in proposed_columns(channel)
         is_assumed = not is_constant and not _tells_axes(name, channel, channels)
         notes = [("by values", text) for text in by_values]
         if name in result.ranges:
             notes.append(("by names", result.ranges[name]))
+        if "parts" in channel:
+            notes.append(("joined", _TABLE["joined"]))
         if is_assumed:
             notes.append(("assumed", _TABLE["assumed"]))
         if is_constant:
@@ -85,6 +97,30 @@ def propose_mapping(path: Path) -> str:
         for kind, text in dict.fromkeys(notes):
             lines.append(f"    # {kind}: {text}")
     return "\n".join(lines) + "\n"
+
+
+def _named_commands_and_channels(
+    path: Path,
+    forms: Sequence[Mapping[str, Any]],
+    labels_by_topic: Mapping[str, Mapping[str, str]],
+    guesses: Mapping[str, GuessedName],
+) -> MappedChannels:
+    """Map channels by names; commands in parts where thrusters have topics, or times, of their own."""
+    times_of = {}
+    labels = dict(labels_by_topic)
+    if not file_kinds.holds_messages(path):
+        times_of = times_of_columns(path, _plain_names(labels[""]))
+        times = set(times_of.values())
+        labels[""] = {name: label for name, label in labels[""].items() if name not in times}
+    channels = _named_channels(forms, labels, guesses)
+    for name, channel in channels.items():
+        if CHANNEL_KINDS[name].command:
+            channels[name] = with_own_times(channel, times_of)
+    if not channels.keys() & {"thrust", "propeller_commands"}:
+        parts = topics_of_thrusters(labels, _plain_names(labels))
+        if parts:
+            channels["thrust"] = {"parts": parts}
+    return channels
 
 
 def _no_known_name(path: Path, labels_by_topic: Mapping[str, Collection[str]]) -> str:
@@ -197,7 +233,7 @@ def _keys_of(
 
 def _names_of(channel: Mapping[str, Any]) -> list[str]:
     """List the names of the columns of a channel, without signs."""
-    return [str(column).removeprefix("-") for column in channel["columns"]]
+    return [str(column).removeprefix("-") for column in proposed_columns(channel)]
 
 
 def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, dict[str, str]]]:
@@ -247,6 +283,11 @@ def _leaves(path: str, label: str, value: Any) -> Iterator[tuple[str, str]]:
 def _is_short_array(value: Any) -> bool:
     """Recognise an array of no more elements than a channel has columns."""
     return isinstance(value, list | tuple | np.ndarray) and len(value) < len(_TABLE["numbers"])
+
+
+def _plain_names(names: Collection[str]) -> dict[str, str]:
+    """Return names as `_plain` writes them."""
+    return {name: _plain(name) for name in names}
 
 
 def _plain(name: str) -> str:

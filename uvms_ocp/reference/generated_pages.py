@@ -43,7 +43,7 @@ def generated_pages() -> dict[str, str]:
         "series": {"table": series_markdown()},
         "channels": {
             "table": _channels(),
-            "mapping": _fields(channel_mapping.ChannelMapping.model_json_schema()),
+            "mapping": _mapping(),
         },
         "statuses": {"tables": "\n\n".join(_statuses())},
         "commands": {"codes": _exit_codes(), "commands": "\n\n".join(command_sections)},
@@ -72,6 +72,15 @@ def _schema(model: type[BaseModel]) -> str:
     schema = model.model_json_schema()
     sections = [f"## Top level\n\n{_fields(schema)}"]
     for name, part in sorted(schema.get("$defs", {}).items()):
+        sections.append(f"## {name}\n\n{_fields(part)}")
+    return "\n\n".join(sections)
+
+
+def _mapping() -> str:
+    """Write the keys of a channel's mapping, and those of one of its parts."""
+    schema = channel_mapping.ChannelMapping.model_json_schema()
+    sections = [_fields(schema)]
+    for name, part in schema["$defs"].items():
         sections.append(f"## {name}\n\n{_fields(part)}")
     return "\n\n".join(sections)
 
