@@ -43,9 +43,9 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     yield from _dead(rate, measured_rate, position_ranges, velocity_ranges)
     if rate.std(axis=0).max() < _MOVING_JOINT or measured_rate.std(axis=0).max() < DEAD:
         return
-    delay, _ = offset(t, rate, t_measured, measured_rate)
-    shifted = interpolated(t + delay, t_measured, measured_rate)
-    for text in (describe_delay(delay), describe_factor(rate, shifted)):
+    found = offset(t, rate, t_measured, measured_rate)
+    shifted = interpolated(t + found.delay, t_measured, measured_rate)
+    for text in (describe_delay(found), describe_factor(rate, shifted)):
         if text:
             yield "joint_velocities", text.format("positions")
     yield from _columns(rate, shifted)

@@ -7,7 +7,7 @@ much more than the axes as they are, so that axes in which nothing moved raise n
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from uvms_ocp.identification.series_agreement import (
     MOVES,
     WAYS,
     WINDOW,
+    Offset,
     correlation,
     describe_delay,
     describe_factor,
@@ -187,10 +188,8 @@ class _AlignedChannel:
 
     values: np.ndarray
     """(m, 3) [unit of the channel] values as shifted and scaled."""
-    delay: float = 0.0
-    """[s] time by which the channel was late."""
-    has_constant_delay: bool = True
-    """True if both halves of the recording are late by this delay."""
+    offset: Offset = field(default_factory=Offset)
+    """Offset by which the channel was late."""
     factor: float = 1.0
     """Factor by which the channel was larger."""
 
@@ -205,10 +204,10 @@ def _aligned(recording: Recording, name: str, reference: _Reference) -> _Aligned
     if name == "specific_force":  # whose mean is gravity
         deviations = values - values.mean(axis=0)
         return _AlignedChannel(interpolated(reference.t, t, deviations))
-    delay, is_constant = offset(reference.t, reference.body, t, values)
-    shifted = interpolated(reference.t + delay, t, values)
+    found = offset(reference.t, reference.body, t, values)
+    shifted = interpolated(reference.t + found.delay, t, values)
     factor = float(np.linalg.norm(shifted) / np.linalg.norm(reference.body))
-    return _AlignedChannel(shifted / factor, delay, is_constant, factor)
+    return _AlignedChannel(shifted / factor, found, factor)
 
 
 def _rate_issues(
@@ -219,8 +218,8 @@ def _rate_issues(
     if aligned is None:
         return
     if name != "specific_force":
-        if aligned.has_constant_delay:
-            delay_text = describe_delay(aligned.delay)
+        if aligned.offset.is_constant:
+            delay_text = describe_delay(aligned.offset)
         else:
             delay_text = _JUMP
         factor_text = describe_factor(reference.body, aligned.factor * aligned.values)

@@ -7,6 +7,7 @@ that the other explains; clocks and units by magnitudes, which have no axes.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
@@ -40,6 +41,9 @@ _AGREES = 0.6  # least correlation of two magnitudes that agree
 _FAR_AGREES = 0.85  # least correlation at an offset that is far from any usual one
 _FAR_BETTER = 0.15  # such a correlation must be higher than any at a usual offset by this
 _BETTER = 0.01  # correlation by which an offset must be better than another
+_LIKE_REPEATED = 0.1  # by sizes over all samples, below the best, of offsets that are looked at
+_MOST_PEAKS = 20  # such offsets, the smallest
+_MOST_NAMED = 2  # other offsets that are named
 _PARTED = 0.2  # correlation by which two halves must disagree
 _SCALE = 1.9  # factor from which on it is one of units: the smallest of these is that of knots
 _CLOSE = 1.25  # factor by which an observed one may differ from that of a unit
@@ -111,21 +115,41 @@ def _units_of(factor: float) -> Iterator[str]:
             yield f"is the other in {pose_unit}?"
 
 
-def describe_delay(delay: float) -> str:
-    """Describe by how much a channel is late [s], against the rate of another; empty where it is
-    little.
-    """
-    if abs(delay) <= _NOTABLE_DELAY:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Offset:
+    """Offset of one series against another."""
+
+    delay: float = 0.0
+    """[s] by which it comes after the other; 0 where they do not agree."""
+    is_constant: bool = True
+    """True if both halves of the time have that offset."""
+    others: tuple[float, ...] = ()
+    """[s] offsets that are as good, of a motion that repeats, the smallest first."""
+
+
+def describe_delay(found: Offset) -> str:
+    """Describe by how much a channel is late, against the rate of another; empty where it is little."""
+    if abs(found.delay) <= _NOTABLE_DELAY:
         return ""
-    direction = "late" if delay > 0 else "early"
-    return f"{abs(delay):.2f} s {direction} against the rate of the {{}}"
+    text = f"{_named_delay(found.delay)} against the rate of the {{}}"
+    if not found.others:
+        return text
+    others = [_named_delay(delay) for delay in found.others[:_MOST_NAMED]]
+    n_hidden = len(found.others) - len(others)
+    if n_hidden:
+        others.append(f"{n_hidden} others")
+    return f"{text}, or {' or '.join(others)}: the motion repeats"
+
+
+def _named_delay(delay: float) -> str:
+    """Write a delay [s] as late or early."""
+    return f"{abs(delay):.2f} s {'late' if delay > 0 else 'early'}"
 
 
 def offset(
     t: np.ndarray, expected: np.ndarray, t_measured: np.ndarray, measured: np.ndarray
-) -> tuple[float, bool]:
-    """Find by how much [s] measured comes after expected, 0 where they do not agree, and whether both
-    halves of the time have that offset.
+) -> Offset:
+    """Find by how much [s] measured comes after expected, and offsets that are as good.
 
     expected: (m, k) [any] at t (m,) [s]. measured: (n, k) [any] at t_measured (n,) [s]. Magnitudes are
     compared, which have no axes; an offset that is far from any usual one also by components, whose
@@ -136,7 +160,7 @@ def offset(
     before_end = t < t_measured[-1] - _LARGEST_SHIFT
     inside = np.flatnonzero(after_begin & before_end)
     if len(inside) < 2 * _MIN_SAMPLES:
-        return 0.0, True
+        return Offset()
     expected_size = np.linalg.norm(expected, axis=1)[:, None]
     measured_size = np.linalg.norm(measured, axis=1)[:, None]
     for x, y in ((expected, measured), (expected_size, measured_size)):
@@ -146,12 +170,51 @@ def offset(
         min_agreement = max(_FAR_AGREES, near.max() + surplus)
         far = _far_offset(t, x, _interpolated(t, t_measured, y), min_agreement)
         if far is not None:
-            return far, True
+            return Offset(delay=far)
     # The last of these are the magnitudes.
     halves = []
     for half in np.array_split(inside, 2):
         halves.append(_agreements(t[half], expected_size[half], t_measured, measured_size))
-    return float(_SHIFTS[_best(near)]), not _differ(*halves)
+    delay = float(_SHIFTS[_best(near)])
+    if _differ(*halves):
+        return Offset(delay=delay, is_constant=False)
+    if abs(delay) <= _NOTABLE_DELAY:
+        return Offset(delay=delay)
+    measured_at_t = _interpolated(t, t_measured, measured)
+    delays = _repeated_offsets(t, expected, measured_at_t, delay)
+    return Offset(delay=delays[0], others=tuple(delays[1:]))
+
+
+def _repeated_offsets(
+    t: np.ndarray, expected: np.ndarray, measured: np.ndarray, delay: float
+) -> list[float]:
+    """List the offsets [s] at which the magnitudes of measured (n, k) [any] and expected (n, k) [any], at
+    uniform t (n,) [s], agree as well as at a delay [s], as far as half of the time is in common, the
+    smallest first; of these only such as components agree at in their axes, if there are any.
+    """
+    expected_size = np.linalg.norm(expected, axis=1)[:, None]
+    measured_size = np.linalg.norm(measured, axis=1)[:, None]
+    step = float(t[1] - t[0])
+    lags, shares = _shares_of_lags(expected_size, measured_size)
+    order = np.argsort(lags)
+    lags = lags[order]
+    shares = shares[order]
+    is_peak = np.r_[False, (shares[1:-1] >= shares[:-2]) & (shares[1:-1] > shares[2:]), False]
+    good_enough = float(shares[np.abs(lags * step - delay) < 2.0 * step].max()) - _LIKE_REPEATED
+    peaks = lags[is_peak & (shares > good_enough)]
+    nearest = peaks[np.argsort(np.abs(peaks))][:_MOST_PEAKS]
+    found = round(delay / step)
+    least = _agreement_at_lag(expected_size, measured_size, found) - _BETTER
+    repeated = [found]
+    for lag in nearest.tolist():
+        is_other = abs(lag - found) * step > _NOTABLE_DELAY
+        if is_other and _agreement_at_lag(expected_size, measured_size, lag) > least:
+            repeated.append(lag)
+    agreements = np.array([_agreement_at_lag(expected, measured, lag) for lag in repeated])
+    if agreements.max() > _AGREES:
+        in_their_axes = agreements > agreements.max() - _BETTER
+        repeated = [lag for lag, is_good in zip(repeated, in_their_axes, strict=True) if is_good]
+    return sorted((lag * step for lag in repeated), key=abs)
 
 
 def _agreements(
@@ -199,7 +262,24 @@ def _far_offset(
     [s], as far as half of the time is in common; `None` unless one offset alone agrees, by a
     correlation of `min_agreement` at least.
     """
-    n = len(t)
+    lags, shares = _shares_of_lags(expected, measured)
+    step = float(t[1] - t[0])
+    best = int(lags[np.argmax(shares)])
+    is_elsewhere = np.abs(lags - best) * step > 2.0 * _LARGEST_SHIFT
+    if not is_elsewhere.any():
+        return None
+    agreement = _agreement_at_lag(expected, measured, best)
+    is_alone = shares[is_elsewhere].max() < agreement - _FAR_BETTER
+    if agreement < min_agreement or not is_alone or abs(best) * step <= _LARGEST_SHIFT:
+        return None
+    return best * step
+
+
+def _shares_of_lags(expected: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Correlate uniform samples of expected (n, k) with those of measured (n, k) that many samples later,
+    as far as half of them are in common: lags (n,) and correlations (n,) by sizes over all samples.
+    """
+    n = len(expected)
     x = expected - expected.mean(axis=0)
     y = measured - measured.mean(axis=0)
     size = 1 << (2 * n - 1).bit_length()
@@ -207,19 +287,16 @@ def _far_offset(
     products = np.fft.irfft(spectra.sum(axis=1), size)
     lags = np.r_[0 : n // 2, -(n // 2) : 0]
     in_common = n - np.abs(lags)
-    shares = products[lags] / in_common * n / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300)
-    step = float(t[1] - t[0])
-    best = int(lags[np.argmax(shares)])
-    is_elsewhere = np.abs(lags - best) * step > 2.0 * _LARGEST_SHIFT
-    if not is_elsewhere.any():
-        return None
-    first = slice(max(0, -best), n - max(0, best))
-    second = slice(max(0, best), n - max(0, -best))
-    agreement = _column_correlation(x[first], y[second])
-    is_alone = shares[is_elsewhere].max() < agreement - _FAR_BETTER
-    if agreement < min_agreement or not is_alone or abs(best) * step <= _LARGEST_SHIFT:
-        return None
-    return best * step
+    scale = n / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
+    return lags, products[lags] / in_common * scale
+
+
+def _agreement_at_lag(expected: np.ndarray, measured: np.ndarray, lag: int) -> float:
+    """Correlate uniform samples of expected (n, k) with those of measured (n, k) a lag of samples later."""
+    n = len(expected)
+    first = slice(max(0, -lag), n - max(0, lag))
+    second = slice(max(0, lag), n - max(0, -lag))
+    return _column_correlation(expected[first], measured[second])
 
 
 def _best(agreement: np.ndarray) -> int:
