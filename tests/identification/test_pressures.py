@@ -54,6 +54,7 @@ def error(recording: Recording) -> float:
         ("z", "mbar", AIR),
         ("z", "bar", AIR),
         ("pressure", "psi", AIR),
+        ("pressure", "Pa", 0.0),
     ],
 )
 def test_a_pressure_becomes_a_height(column: str, unit: str, air: float, tmp_path: Path) -> None:
@@ -68,6 +69,11 @@ def test_a_pressure_without_a_velocity_is_told_by_name_or_doubted(
     read = read_as_proposed(path)
     if error(read) > 0.05:
         assert "a pressure in a unit that nothing tells" in propose_mapping(path)
+
+
+def test_a_gauge_in_pa_that_may_be_mbar_of_the_deep_is_asked_for(tmp_path: Path) -> None:
+    path = log(tmp_path, "pressure", "Pa", air=0.0, without="linear_velocity")
+    assert "a pressure in a unit that nothing tells" in propose_mapping(path)
 
 
 def test_thin_air_is_what_a_pressure_begins_with() -> None:

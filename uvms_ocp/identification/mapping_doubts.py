@@ -14,6 +14,7 @@ from uvms_ocp.identification.channel_mapping import ChannelMapping, RecordingMap
 from uvms_ocp.identification.pressure_units import (
     PRESSURE,
     PRESSURE_UNITS,
+    TWO_UNITS,
     likely_unit,
     read_in,
     told_by_name,
@@ -130,7 +131,8 @@ def pressure_remarks(
     sign = -1.0 if name.startswith("-") else 1.0
     pressures = sign * known_heights
     unit = unit or unit_by_size(pressures)
-    if not unit and pressures.min() > PRESSURE:
+    is_of_two_units = TWO_UNITS[0] < pressures.min() < TWO_UNITS[1]
+    if not unit and pressures.min() > PRESSURE and not is_of_two_units:
         unit = likely_unit(pressures)
     if unit:
         reading = read_in(unit, pressures)

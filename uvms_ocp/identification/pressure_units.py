@@ -25,6 +25,8 @@ _THINNEST_AIR = 0.6  # [bar] where people dive: lakes at 4,000 m
 _DENSEST_AIR = 1.08  # [bar]
 _AIR_ERROR = 0.03  # share of the air at sea level within which a pressure begins in air
 _LARGE = 3e4  # [mbar] pressure at which no usual vehicle works: 300 m deep
+TWO_UNITS = (1.1e4, _LARGE)
+"""Sizes of pressures that may be mbar, 100 to 300 m deep, or Pa of a gauge, 1 to 3 m deep."""
 _AT_BEGIN = 0.05  # share of all samples that show where a recording begins
 
 

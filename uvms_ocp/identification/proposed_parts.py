@@ -62,7 +62,7 @@ def topics_of_thrusters(
         part: dict[str, Any] = {"topic": topic}
         if any(name.startswith("header.stamp") for name in labels_by_topic[topic]):
             part["time"] = "header.stamp"
-        parts.append(part | {"columns": columns})
+        parts.append(part | {"columns": list(columns)})
     return parts
 
 
