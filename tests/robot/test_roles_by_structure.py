@@ -145,6 +145,16 @@ CASES: dict[str, tuple[str, int, tuple[str, ...], tuple[str, ...]]] = {
         ("d",),
         (*ARM_JOINTS, "d_j"),
     ),
+    "limits that stand for none": (
+        spinning("part", n=3).replace(
+            "type='continuous'>",
+            "type='revolute'><limit lower='-1e12' upper='1e12' velocity='9' effort='9'/>",
+        )
+        + ARM,
+        3,
+        ("c",),
+        ARM_JOINTS,
+    ),
     "a camera that turns": (
         ARM + TCP + part("hull", "camera", mass=0.1) + fixed_thrusters(),
         4,
@@ -191,6 +201,26 @@ def test_each_role_is_told_with_its_reason(tmp_path: Path) -> None:
     questions = " ".join(proposal.questions)
     assert "joint cutter_0_j: spins a tool" in questions
     assert "joint pack_0_j, pack_1_j, pack_2_j, pack_3_j: slides a mass" in questions
+
+
+def test_what_turns_without_end_at_the_end_of_an_arm_is_asked(tmp_path: Path) -> None:
+    bare = proposed(tmp_path, ARM + spinning("mill", "c", "0.2 0 0") + fixed_thrusters())
+    assert any("mill_0_j: turns without end" in question for question in bare.questions)
+    held = part("c", "d", "continuous", axis="1 0 0") + fixed("d", "gripper")
+    assert not any(
+        "turns without end" in question
+        for question in proposed(tmp_path, ARM + held + fixed_thrusters()).questions
+    )
+
+
+def test_an_arm_whose_names_say_sensor_is_asked_beside_another_one(tmp_path: Path) -> None:
+    other = part("hull", "camera_arm/a") + part("camera_arm/a", "camera_arm/b")
+    other += part("camera_arm/b", "camera_arm/c")
+    proposal = proposed(tmp_path, ARM + TCP + other + fixed_thrusters())
+    assert any("camera_arm/a_j" in question for question in proposal.questions)
+    head = part("hull", "camera_pan", axis="0 0 1") + part("camera_pan", "camera_tilt")
+    proposal = proposed(tmp_path, ARM + TCP + head + fixed_thrusters())
+    assert not any("camera_pan" in question for question in proposal.questions)
 
 
 def test_sensors_that_have_a_role_are_told_with_their_reason(tmp_path: Path) -> None:

@@ -89,6 +89,14 @@ def test_all_that_uuv_simulator_states_is_taken(tmp_path: Path) -> None:
     assert "as the file states for a simulator" in proposal.text
 
 
+def test_how_far_proposed_water_may_be_off_is_told_unless_it_is_stated(tmp_path: Path) -> None:
+    interval = "added mass may be 0.3 to 2.5 times as large, drag 0.25 to 6 times"
+    proposal = proposed(tmp_path, "")
+    assert interval in proposal.text
+    assert any(line.startswith("water of hull") and interval in line for line in proposal.reasons)
+    assert not any(interval in line for line in proposed(tmp_path, uuv()).reasons)
+
+
 def test_coupled_terms_are_turned_from_starboard_and_down(tmp_path: Path) -> None:
     water = hull_water(proposed(tmp_path, uuv(words(COUPLED))))
     v = np.random.default_rng(3).normal(size=6)
@@ -112,6 +120,16 @@ def test_numbers_of_gazebo_resist_whatever_their_sign(sign: float, tmp_path: Pat
     ("blocks", "said"),
     [
         (uuv(link="keel"), "no such link"),
+        (uuv(volume="<volume>0.03</volume><scaling_volume>2</scaling_volume>"), "<scaling_volume>"),
+        (uuv(volume="<center_of_buoyancy>0 0 1</center_of_buoyancy>"), "without a volume"),
+        (
+            "<gazebo><plugin name='w' filename='libmake.so'><drag_coeff>3</drag_coeff></plugin></gazebo>",
+            "plugin 'w', which speaks of water",
+        ),
+        (
+            "<gazebo><plugin name='gz::sim::systems::LiftDrag' filename='x.so'/></gazebo>",
+            "LiftDrag', which speaks of water",
+        ),
         (uuv(kind="cylinder"), "type 'cylinder' is not read"),
         (
             uuv(more="<linear_damping_forward_speed>1</linear_damping_forward_speed>"),
@@ -129,6 +147,56 @@ def test_numbers_of_gazebo_resist_whatever_their_sign(sign: float, tmp_path: Pat
 def test_what_is_not_used_is_named(blocks: str, said: str, tmp_path: Path) -> None:
     reasons = proposed(tmp_path, blocks).reasons
     assert any(line.startswith("not read: ") and said in line for line in reasons)
+
+
+def test_volumes_of_gazebos_buoyancy_are_taken_beside_other_water(tmp_path: Path) -> None:
+    buoyancy = (
+        "<gazebo><plugin name='b' filename='libBuoyancyPlugin.so'><fluid_density>998</fluid_density>"
+        "<link name='hull'><center_of_volume>0.01 0 0.07</center_of_volume><volume>0.0304</volume>"
+        "</link></plugin></gazebo>"
+    )
+    proposal = proposed(tmp_path, gazebo() + buoyancy)
+    water = hull_water(proposal)
+    np.testing.assert_allclose(water.added_mass, ADDED)
+    assert water.volume == 0.0304
+    np.testing.assert_allclose(water.centre_of_buoyancy, [0.01, 0.0, 0.07])
+    assert proposal.robot.description.water_density == 998.0
+
+
+def test_numbers_of_gazebo_are_read_in_plugins_of_other_names(tmp_path: Path) -> None:
+    plugin = (
+        "<gazebo><plugin name='dynamics' filename='libusv_gazebo_dynamics_plugin.so'>"
+        "<bodyName>boat::hull</bodyName><waterDensity>997</waterDensity><xDotU>5</xDotU><xU>51</xU>"
+        "<yV>40</yV><xUU>72</xUU></plugin></gazebo>"
+    )
+    proposal = proposed(tmp_path, plugin)
+    water = hull_water(proposal)
+    np.testing.assert_allclose(np.diag(water.added_mass), [5, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(np.diag(water.linear_drag), [51, 40, 0, 0, 0, 0])
+    np.testing.assert_allclose(np.diag(water.quadratic_drag), [72, 0, 0, 0, 0, 0])
+    assert proposal.robot.description.water_density == 997.0
+
+
+def test_a_link_that_is_neutrally_buoyant_keeps_its_centre_of_buoyancy(tmp_path: Path) -> None:
+    volume = (
+        "<neutrally_buoyant>1</neutrally_buoyant><center_of_buoyancy>0 0 0.06</center_of_buoyancy>"
+    )
+    water = hull_water(proposed(tmp_path, uuv(volume=volume)))
+    assert water.volume == pytest.approx(30.0 / 1028.0)
+    np.testing.assert_allclose(water.centre_of_buoyancy, [0.0, 0.0, 0.06])
+
+
+def test_the_water_of_a_world_is_the_models(tmp_path: Path) -> None:
+    (tmp_path / "m.sdf").write_text(
+        "<sdf version='1.10'><world name='w'><plugin filename='gz-sim-buoyancy-system'"
+        " name='gz::sim::systems::Buoyancy'><uniform_fluid_density>1003</uniform_fluid_density>"
+        "</plugin><model name='m'><link name='hull'><inertial><mass>30</mass></inertial></link>"
+        "</model></world></sdf>",
+        encoding="utf-8",
+    )
+    proposal = propose(tmp_path / "m.sdf", base="free_flyer")
+    assert proposal.robot.description.water_density == 1003.0
+    assert not any("not read" in line for line in proposal.reasons)
 
 
 def test_what_is_not_stated_is_proposed(tmp_path: Path) -> None:

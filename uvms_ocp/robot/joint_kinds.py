@@ -102,9 +102,8 @@ def _bends_a_fin(tree: LinkTree, joint: int) -> bool:
 
 def _spins_a_tool(tree: LinkTree, joint: int) -> bool:
     """Check whether a joint without end is the last of an arm, and is called a blade or alike."""
-    turns_without_end = tree.model.joints[joint].nq != tree.model.joints[joint].nv
     is_last = not tree.children(joint)
-    if not (turns_without_end and is_last and tree.above(joint)):
+    if not (tree.is_endless(joint) and is_last and tree.above(joint)):
         return False
     names = tree.names(joint)
     return tree.words.is_called("spinner", *names) or tree.words.is_called("propeller", *names)
@@ -204,9 +203,9 @@ def _whirls(tree: LinkTree, index: int) -> bool:
         return False
     if len(tree.below(index)) > 1 or len(tree.bodies[index]) > 1:
         return False
-    joint = tree.model.joints[index]
-    if joint.nv != 1 or joint.nq != 2:
+    if not tree.is_endless(index):
         return False
+    joint = tree.model.joints[index]
     axis = np.array(joint.createData().S).ravel()[3:]
     lever = np.asarray(tree.model.inertias[index].lever)  # [m]
     from_joint = float(np.linalg.norm(lever))  # [m]

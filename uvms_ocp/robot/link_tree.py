@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot.name_words import NameWords
+
+_ENDLESS = 100.0  # [rad] between limits that stand for none, as some exporters write 1e12
 
 
 class LinkTree:
@@ -68,6 +71,20 @@ class LinkTree:
         lower = self.model.lowerPositionLimit[q]
         upper = self.model.upperPositionLimit[q]
         return bool((lower < upper).any())
+
+    def is_endless(self, joint: int) -> bool:
+        """Check whether a joint turns about one axis without end."""
+        moving = self.model.joints[joint]
+        if moving.nv != 1:
+            return False
+        if moving.nq == 2:
+            return True
+        turns = bool(np.any(np.array(moving.createData().S).ravel()[3:]))
+        if not turns or moving.nq != 1:
+            return False
+        lower = self.model.lowerPositionLimit[moving.idx_q]
+        upper = self.model.upperPositionLimit[moving.idx_q]
+        return bool(upper - lower > _ENDLESS)
 
     def is_no_tool(self, frame: int) -> bool:
         """Check whether a link is a sensor or a finger; the palm that carries fingers is

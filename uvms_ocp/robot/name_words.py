@@ -52,7 +52,7 @@ def _words(text: str) -> re.Pattern[str]:
 
 
 _PATTERNS: Mapping[str, re.Pattern[str]] = {
-    "propeller": _words(f"prop propeller thruster rotor blade screw fan {_FINS}"),
+    "propeller": _words(f"prop propeller thruster thr rotor blade screw fan {_FINS}"),
     "fin": _words(_FINS),
     "mount": _words("mount bracket holder clamp guard shroud housing"),
     "sensor": _words(_SENSORS),

@@ -243,29 +243,45 @@ class ProposalDraft:
             yield from self._thruster_questions()
 
     def _arm_questions(self) -> Iterator[str]:
-        """Ask whether short arms are some, and sensors none where no other arm is there."""
+        """Ask whether short arms are some, and whether joints that are called sensors are none: of long
+        chains, or where no other arm is there.
+        """
+        requested = self._requested_joints()
+        doubtful = [name for name in self.roles.short_arms if self._is_free(name, requested)]
+        if doubtful:
+            yield (
+                f"joint {', '.join(doubtful)}: a short arm, and nothing on it is called a tool; of a"
+                " fin, a hatch, a winch or a head give --lock JOINT=0, which holds it still"
+            )
+        endless = [name for name in self.roles.endless_ends if self._is_free(name, requested)]
+        if endless:
+            yield (
+                f"joint {', '.join(endless)}: turns without end at the end of an arm, taken for a"
+                " wrist; of a drill, a brush or alike give --lock JOINT=0, which holds it still"
+            )
+        asked = self.roles.sensor_chains
+        if not self.tools and not self.roles.candidates:
+            asked = self.roles.sensors
+        sensors = [name for name in asked if name in self.reading.lock]
+        if sensors:
+            yield (
+                f"joint {', '.join(sensors)}: moves what is called a sensor, and is held still;"
+                " --tool LINK makes an arm of it"
+            )
+
+    def _requested_joints(self) -> set[str]:
+        """Return the names of the joints that move the tools that the user named."""
         model = self.models.model
         requested = set[str]()
         for tool in self.requested_tools:
             if model.existFrame(tool):
                 carrier = model.frames[model.getFrameId(tool)].parentJoint
                 requested.update(model.names[k] for k in model.supports[carrier])
-        doubtful = [
-            name
-            for name in self.roles.short_arms
-            if name not in requested and name not in self.reading.lock
-        ]
-        if doubtful:
-            yield (
-                f"joint {', '.join(doubtful)}: a short arm, and nothing on it is called a tool; of a"
-                " fin, a hatch, a winch or a head give --lock JOINT=0, which holds it still"
-            )
-        sensors = [name for name in self.roles.sensors if name in self.reading.lock]
-        if sensors and not self.tools and not self.roles.candidates:
-            yield (
-                f"joint {', '.join(sensors)}: moves what is called a sensor, and is held still;"
-                " --tool LINK makes an arm of it"
-            )
+        return requested
+
+    def _is_free(self, joint: str, requested: set[str]) -> bool:
+        """Check whether a joint moves, and the user said nothing about it."""
+        return joint not in requested and joint not in self.reading.lock
 
     def _axis_question(self) -> Iterator[str]:
         """Ask whether z points down, where something speaks for it."""

@@ -102,13 +102,7 @@ def _loading_lines(loading: Mapping[str, Any]) -> Iterator[str]:
 def _link_lines(
     links: Mapping[str, Any], sources: Mapping[str, str], trimmed_link: str
 ) -> Iterator[str]:
-    added_low, added_high = ADDED_MASS_INTERVAL
-    drag_low, drag_high = DRAG_INTERVAL
-    yield (
-        f"links: # proposed by shapes: added mass may be {added_low:g} to {added_high:g} times as"
-        f" large, drag {drag_low:g} to {drag_high:g} times; published vehicles are, in nine of ten"
-        " entries"
-    )
+    yield f"links: # {intervals_of_water()}"
     for name, link in links.items():
         yield f"  {_flow(name)}: # {sources.get(name, '')}"
         coefficients = link["coefficients"]
@@ -117,6 +111,16 @@ def _link_lines(
             is_trim = key == "volume" and name == trimmed_link
             source = " # proposed: so that it floats level" if is_trim else ""
             yield f"      {key}: {_flow(value)}{source}"
+
+
+def intervals_of_water() -> str:
+    """Return how far added mass and drag that are proposed may be off."""
+    added_low, added_high = ADDED_MASS_INTERVAL
+    drag_low, drag_high = DRAG_INTERVAL
+    return (
+        f"proposed by shapes: added mass may be {added_low:g} to {added_high:g} times as large, drag"
+        f" {drag_low:g} to {drag_high:g} times; published vehicles are, in nine of ten entries"
+    )
 
 
 def _flow(value: Any) -> str:

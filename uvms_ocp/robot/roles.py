@@ -8,7 +8,7 @@ hydrodynamics.yaml names, or to what is found here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -63,6 +63,12 @@ class Roles:
     """Joints of arms of the vehicle that may be none: of one joint or two, which end in nothing that
     is called a tool or a finger.
     """
+    sensor_chains: tuple[str, ...]
+    """Joints that move nothing but sensors by their names, on chains of more joints than a head has."""
+    endless_ends: tuple[str, ...]
+    """Last joints of arms that turn without end, and carry one link that nothing says to be a hand:
+    wrists, or spinning tools.
+    """
     tools: tuple[tuple[str, ...], ...]
     """Candidates for the tool, by chain of joints, the longest first; one where a chain leaves no
     doubt.
@@ -100,7 +106,29 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
         if tips:
             tools.append(tips)
     short_arms = tuple(model.names[joint] for joint in _short_arms(tree, arm, ends))
-    return Roles(base=_base(tree), tools=tuple(tools), short_arms=short_arms, **names_by_kind)
+    endless_ends = list[str]()
+    for joint in ends:
+        is_single = len(tree.bodies[joint]) == 1 and not tree.ends_in_tool(joint)
+        if tree.above(joint) and tree.is_endless(joint) and is_single:
+            endless_ends.append(model.names[joint])
+    return Roles(
+        base=_base(tree),
+        tools=tuple(tools),
+        short_arms=short_arms,
+        sensor_chains=tuple(_sensor_chains(tree, kinds)),
+        endless_ends=tuple(endless_ends),
+        **names_by_kind,
+    )
+
+
+def _sensor_chains(tree: LinkTree, kinds: Mapping[int, str]) -> Iterator[str]:
+    """Yield the joints that move sensors on chains of more joints than a head has."""
+    for joint, kind in kinds.items():
+        if kind != "sensors":
+            continue
+        chain = [*tree.above(joint), *tree.below(joint)]
+        if sum(kinds.get(k) == "sensors" for k in chain) > HEAD_JOINTS:
+            yield tree.model.names[joint]
 
 
 def _short_arms(tree: LinkTree, arm: Sequence[int], ends: Sequence[int]) -> Iterator[int]:

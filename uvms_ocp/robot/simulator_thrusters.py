@@ -7,7 +7,7 @@ the axis of the joint. Gazebo's thrust acts along the axis of the joint, too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,8 +73,8 @@ def simulator_thrusters(root: Element) -> Iterator[tuple[SimulatorThruster, list
     """
     for plugin in (*root.findall("gazebo/plugin"), *root.findall("plugin")):
         name = f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
-        link = _first_text(plugin, ("linkName", "link_name"))
-        joint = _first_text(plugin, ("jointName", "joint_name"))
+        link = first_text(plugin, ("linkName", "link_name"))
+        joint = first_text(plugin, ("jointName", "joint_name"))
         is_thruster = "thruster" in name and "manager" not in name
         if not is_thruster:
             continue
@@ -93,7 +93,8 @@ def simulator_thrusters(root: Element) -> Iterator[tuple[SimulatorThruster, list
         yield thruster, [part.tag for part in plugin if part.tag not in _READ | _NAMES_ONLY]
 
 
-def _first_text(plugin: Element, tags: tuple[str, ...]) -> str | None:
+def first_text(plugin: Element, tags: Sequence[str]) -> str | None:
+    """Return the text of the first of these elements that has one; `None` without any."""
     for tag in tags:
         text = plugin.findtext(tag, "").strip()
         if text:

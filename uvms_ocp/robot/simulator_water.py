@@ -1,5 +1,6 @@
 """Water that a robot file states for simulators, in ``<gazebo><plugin>``: of uuv_simulator (Manhães
-et al., UUV Simulator, 2016) and of Gazebo's own hydrodynamics, and in ``<fluid_added_mass>`` of SDF.
+et al., UUV Simulator, 2016), of Gazebo's own hydrodynamics and buoyancy, and in
+``<fluid_added_mass>`` of SDF.
 
 Both follow Fossen: added mass [kg, kg m, kg m2] and drag act at the origin of the link, and drag is
 written as the derivative of the force, below 0. uuv_simulator has its matrices in axes forward,
@@ -9,6 +10,7 @@ whose sign files write either way. SDF has the upper half of the matrix of added
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,6 +21,7 @@ from pydantic import ValidationError
 from uvms_ocp.robot.description import LinkCoefficients, as_matrix6
 from uvms_ocp.robot.simulator_thrusters import (
     SimulatorThruster,
+    first_text,
     simulator_thrusters,
     thruster_name,
 )
@@ -35,8 +38,25 @@ _WORDS = {
     "volume": "volume",
     "centre_of_buoyancy": "centre of buoyancy",
 }
+_ADDED_MASS = [f"{axis[0]}Dot{axis[1]}" for axis in _AXES]
+_QUADRATIC_DRAG = [f"{axis}{axis[1]}" for axis in _AXES]
+_QUADRATIC_OF_SPEED = [f"{axis}abs{axis[1]}" for axis in _AXES]
+_GAZEBO_NUMBERS = {*_AXES, *_ADDED_MASS, *_QUADRATIC_DRAG, *_QUADRATIC_OF_SPEED}
 _READ_BY_UUV = {"added_mass", "linear_damping", "quadratic_damping", "type"}
-_SETTINGS = {"link_name", "water_density", "waterDensity", "namespace", "default_current", "topic"}
+_UUV_OF_LINK = {"volume", "center_of_buoyancy", "neutrally_buoyant", "hydrodynamic_model", "box"}
+_UUV_DENSITY = 1028.0  # [kg/m3] where a plugin of uuv_simulator states none
+_UUV_OF_PLUGIN = {"link", "fluid_density", "use_global_current", "debug"}
+_NAMES_OF_LINK = ("link_name", "bodyName")
+_DENSITIES = (
+    "fluid_density",
+    "water_density",
+    "waterDensity",
+    "uniform_fluid_density",
+    "graded_buoyancy/default_density",
+)
+_SETTINGS = {*_NAMES_OF_LINK, *_DENSITIES, "namespace", "default_current", "topic"}
+_OF_WATER = re.compile(r"hydro(?!phone)|buoy|drag|added_?mass|damping|fluid|wave")
+"""Words in the name of a plugin, or of its elements, that speak of water."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -74,16 +94,39 @@ def simulator_blocks(root: Element) -> SimulatorBlocks:
     blocks = SimulatorBlocks()
     links = {link.get("name", "") for link in root.findall("link")}
     for plugin in (*root.findall("gazebo/plugin"), *root.findall("plugin")):
-        name = f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
+        if "thruster" in f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower():
+            continue
+        for place in _DENSITIES:
+            _note_density(blocks, plugin.findtext(place))
         if plugin.find("link/hydrodynamic_model") is not None:
-            _read_uuv(blocks, plugin, links)
-        elif "hydrodynamics" in name and plugin.find("link_name") is not None:
+            _read_uuv(blocks, plugin, root)
+        elif first_text(plugin, _NAMES_OF_LINK) and _states_numbers(plugin):
             _read_gazebo(blocks, plugin, links)
+        elif plugin.find("link/volume") is not None:
+            _read_buoyancy(blocks, plugin, links)
+        elif _is_of_water(plugin):
+            name = quoted(plugin.get("name") or plugin.get("filename") or "")
+            blocks.unread.append(f"plugin {name}, which speaks of water")
     for block in root.findall("gazebo[@reference]"):
         for element in block.iter("fluid_added_mass"):
             _read_added_mass(blocks, element, block.get("reference", ""), links)
     _read_thrusters(blocks, root, links)
     return blocks
+
+
+def _states_numbers(plugin: Element) -> bool:
+    """Check whether a plugin states any number of Gazebo's hydrodynamics."""
+    return any(part.tag in _GAZEBO_NUMBERS for part in plugin)
+
+
+def _is_of_water(plugin: Element) -> bool:
+    """Check whether a plugin speaks of water, and states more than the density of it."""
+    name = f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
+    tags = [part.tag.lower() for part in plugin if part.tag not in _SETTINGS]
+    states_density = any(plugin.find(place) is not None for place in _DENSITIES)
+    if states_density and not tags:
+        return False
+    return any(_OF_WATER.search(word) for word in (name, *tags))
 
 
 def _read_thrusters(blocks: SimulatorBlocks, root: Element, links: set[str]) -> None:
@@ -117,20 +160,30 @@ def _read_added_mass(blocks: SimulatorBlocks, element: Element, name: str, links
             text = element.findtext(first + second)
             if text is not None:
                 matrix[row, column] = matrix[column, row] = to_float(text.strip())
-    stated: dict[str, Any] = {}
-    simulator = "SDF"
-    if name in blocks.links:
-        stated.update(blocks.links[name].coefficients)
-        simulator = f"{blocks.links[name].simulator} and SDF"
+    stated, simulator = _with_former(blocks, name, "SDF")
     if "added_mass" in stated:
         matrix = matrix + as_matrix6(stated["added_mass"])
     stated["added_mass"] = _matrix_of_rows(matrix)
     _take(blocks, name, simulator, stated, where)
 
 
-def _read_uuv(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> None:
+def _with_former(blocks: SimulatorBlocks, name: str, simulator: str) -> tuple[dict[str, Any], str]:
+    """Return what is stated of a link before this simulator, and the names of both."""
+    if name not in blocks.links:
+        return {}, simulator
+    former = blocks.links[name]
+    return dict(former.coefficients), f"{former.simulator} and {simulator}"
+
+
+def _read_uuv(blocks: SimulatorBlocks, plugin: Element, root: Element) -> None:
     """Read the plugin of uuv_simulator, which has an element for each link."""
-    _note_density(blocks, plugin.findtext("fluid_density"))
+    links = {link.get("name", "") for link in root.findall("link")}
+    unread_settings = [part.tag for part in plugin if part.tag not in _UUV_OF_PLUGIN]
+    unread_settings = [
+        tag for tag in unread_settings if np.isfinite(to_float(plugin.findtext(tag)))
+    ]
+    if unread_settings:
+        blocks.unread.append(f"of uuv_simulator: <{'>, <'.join(unread_settings)}>")
     for element in plugin.findall("link"):
         name = element.get("name", "")
         model = element.find("hydrodynamic_model")
@@ -144,9 +197,10 @@ def _read_uuv(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> None
         if kind != "fossen":
             blocks.unread.append(f"{where}: type {quoted(kind)} is not read, only fossen")
             continue
-        for part in model:
-            if part.tag not in _READ_BY_UUV:
-                blocks.unread.append(f"{where}: <{part.tag}> is not modelled")
+        unread_parts = [part for part in model if part.tag not in _READ_BY_UUV]
+        unread_parts += [part for part in element if part.tag not in _UUV_OF_LINK]
+        for part in unread_parts:
+            blocks.unread.append(f"{where}: <{part.tag}> is not modelled")
         stated = dict[str, Any]()
         for key, tag, sign in (
             ("added_mass", "added_mass", 1.0),
@@ -157,39 +211,88 @@ def _read_uuv(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> None
             if text is not None:
                 stated[key] = _matrix(text, sign)
         volume = element.findtext("volume")
-        is_neutral = element.findtext("neutrally_buoyant", "0").strip().lower() in ("1", "true")
-        if volume is not None and not is_neutral:
+        centre = element.findtext("center_of_buoyancy")
+        if element.findtext("neutrally_buoyant", "0").strip().lower() in ("1", "true"):
+            if centre is not None:
+                blocks.density = blocks.density or _UUV_DENSITY
+                stated["volume"] = _rigid_mass(root, name) / blocks.density
+        elif volume is not None:
             stated["volume"] = to_float(volume.strip())
-            centre = to_floats(" ".join(element.findtext("center_of_buoyancy", "0 0 0").split()))
-            stated["centre_of_buoyancy"] = centre
+        if "volume" in stated:
+            stated["centre_of_buoyancy"] = _three_numbers(centre)
+        elif centre is not None:
+            blocks.unread.append(f"{where}: <center_of_buoyancy> without a volume")
         _take(blocks, name, "uuv_simulator plugin", stated, where)
+
+
+def _rigid_mass(root: Element, link: str) -> float:
+    """Return the mass [kg] of a link of a <robot> with all that is fixed to it, as Gazebo lumps them
+    together.
+    """
+    fixed_links = [link]
+    fixed_joints = root.findall("joint[@type='fixed']")
+    for carrier in fixed_links:
+        for joint in fixed_joints:
+            parent, child = joint.find("parent"), joint.find("child")
+            if parent is None or child is None or parent.get("link") != carrier:
+                continue
+            if child.get("link", "") not in fixed_links:
+                fixed_links.append(child.get("link", ""))
+    total = 0.0
+    for element in root.findall("link"):
+        mass = element.find("inertial/mass")
+        if element.get("name") in fixed_links and mass is not None:
+            total += to_float(mass.get("value"))
+    return total
+
+
+def _three_numbers(text: str | None) -> tuple[float, ...]:
+    """Return the numbers of a place, the origin where none is stated."""
+    return to_floats(" ".join((text or "0 0 0").split()))
+
+
+def _read_buoyancy(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> None:
+    """Read Gazebo's plugin of buoyancy, which has the volume of each link and the centre of it in the
+    axes of the link.
+    """
+    for element in plugin.findall("link"):
+        name = element.get("name", "")
+        where = f"buoyancy of link {quoted(name)} (Gazebo)"
+        volume = element.findtext("volume")
+        if name not in links:
+            blocks.unread.append(f"{where}: no such link")
+            continue
+        if volume is None:
+            continue
+        stated, simulator = _with_former(blocks, name, "Gazebo buoyancy plugin")
+        stated["volume"] = to_float(volume.strip())
+        stated["centre_of_buoyancy"] = _three_numbers(element.findtext("center_of_volume"))
+        _take(blocks, name, simulator, stated, where)
 
 
 def _read_gazebo(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> None:
     """Read Gazebo's plugin, which has one number for each axis."""
-    name = plugin.findtext("link_name", "").strip()
+    name = first_text(plugin, _NAMES_OF_LINK) or ""
+    if name not in links:
+        name = name.rpartition("::")[2]  # with the name of the model before it
     where = f"water of link {quoted(name)} (Gazebo)"
     if name not in links:
         blocks.unread.append(f"{where}: no such link")
         return
-    _note_density(blocks, plugin.findtext("water_density") or plugin.findtext("waterDensity"))
-    quadratic = [f"{axis}{axis[1]}" for axis in _AXES]
-    quadratic_of_speed = [f"{axis}abs{axis[1]}" for axis in _AXES]
-    added = [f"{axis[0]}Dot{axis[1]}" for axis in _AXES]
-    stated = dict[str, Any]()
+    stated, simulator = _with_former(blocks, name, "Gazebo plugin")
     for key, tags in (
-        ("added_mass", [(tag,) for tag in added]),
+        ("added_mass", [(tag,) for tag in _ADDED_MASS]),
         ("linear_drag", [(tag,) for tag in _AXES]),
-        ("quadratic_drag", list(zip(quadratic, quadratic_of_speed, strict=True))),
+        ("quadratic_drag", list(zip(_QUADRATIC_DRAG, _QUADRATIC_OF_SPEED, strict=True))),
     ):
         values = [_first_number(plugin, names) for names in tags]
         if any(values):
             stated[key] = tuple(abs(value) for value in values)
-    read = {*_AXES, *quadratic, *quadratic_of_speed, *added, *_SETTINGS}
+    read = _GAZEBO_NUMBERS | _SETTINGS
     unread_tags = [part.tag for part in plugin if part.tag not in read and to_float(part.text)]
     if unread_tags:
         blocks.unread.append(f"{where}: <{'>, <'.join(unread_tags)}> is not modelled")
-    _take(blocks, name, "Gazebo plugin", stated, where)
+    _take(blocks, name, simulator, stated, where)
 
 
 def _first_number(plugin: Element, tags: tuple[str, ...]) -> float:

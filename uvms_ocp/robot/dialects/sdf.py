@@ -28,7 +28,7 @@ from uvms_ocp.robot.urdf_findings import Findings
 _TOP = "__model__"
 _MAX_DEPTH = 8  # of models inside models
 _MAX_MODELS = 100  # of included models
-_NAMES_OF_PLUGINS = ("link_name", "joint_name", "linkName", "jointName")
+_NAMES_OF_PLUGINS = ("link_name", "joint_name", "linkName", "jointName", "bodyName")
 _OF_MODEL = {"link", "joint", "frame", "model", "include", "plugin", "pose"}
 _WITHOUT_EFFECT = {"static", "self_collide", "allow_auto_disable", "enable_wind", "gripper"}
 _OF_LINK = {"pose", "inertial", "collision", "visual"}
@@ -48,6 +48,7 @@ def urdf_of_sdf(
     model = _only_model(path, root)
     reader = _SdfReader(findings, version=_version(root), folders=folders)
     reader.collect(model, scope="", frame=_TOP, folder=path.resolve().parent, depth=0)
+    reader.blocks += [plugin for plugin in root.findall("world/plugin") if _is_buoyancy(plugin)]
     robot = reader.written(model.get("name") or path.stem)
     findings.refuse()
     return robot, tuple(findings.notes)
@@ -72,6 +73,11 @@ def _only_model(path: Path, root: Element) -> Element:
         raise RobotDataError(path, "no <model> in the <sdf>; allowed: the file of one model")
     names = ", ".join(model.get("name", "") for model in models[:10])
     raise RobotDataError(path, f"{len(models)} models, {names}; allowed: the file of one model")
+
+
+def _is_buoyancy(plugin: Element) -> bool:
+    """Check whether a plugin of a world states the density of its water."""
+    return "buoyancy" in f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
 
 
 def _is_static(model: Element) -> bool:
