@@ -232,7 +232,7 @@ def test_a_quick_loop_catches_an_arm_whose_posture_is_sound(doubted: bool) -> No
     memory = guard()
     locks = list[bool]()
     for k in range(400):
-        rate = 1.1 * LIMIT if k >= 200 else 0.0
+        rate = 1.1 * LIMIT * min(1.0, max(0.0, 0.1 * (k - 200)))
         fast = [0.0, rate, 0.0]
         locks.append(locks_at_overspeed(memory, FIRST, fast, [0.0] * 3, doubted, 0.005 * k))
     assert any(locks) == doubted
@@ -267,13 +267,39 @@ def test_noise_and_slow_swings_are_no_shaking(size: float, half_swing: float) ->
     locks_at_overspeed(memory, FIRST, [0.0] * 3, [0.0] * 3, False, -0.01)
     for k in range(500):
         t = 0.01 * k
-        rate = size * LIMIT * (1.0 if int(t / half_swing + 1e-6) % 2 else -1.0)
+        rate = size * LIMIT * math.sin(math.pi * t / half_swing)
         assert not locks_at_overspeed(memory, FIRST, [0.0, rate, 0.0], [0.0] * 3, False, t)
 
 
-def test_a_quick_loop_that_catches_an_arm_is_left_to_it() -> None:
-    """A lock began anew whenever a load of 4 kg let go, and no tool came to its target."""
+@pytest.mark.parametrize("dt", [0.005, 0.01])
+def test_an_arm_that_is_thrown_is_locked_in_the_tick_in_which_it_is_seen(dt: float) -> None:
+    """One of 0.5 kg was at 2.5 times its limit two ticks after it came into the hand, at 100 Hz."""
     memory = guard()
+    rates = [0.0] * 200 + [0.6 * LIMIT, 1.2 * LIMIT, 1.8 * LIMIT]
+    for k, rate in enumerate(rates):
+        if locks_at_overspeed(memory, FIRST, [0.0, rate, 0.0], [0.0] * 3, False, dt * k):
+            break
+    assert rate == 0.6 * LIMIT
+
+
+def test_a_quick_loop_that_does_not_catch_an_arm_soon_locks_it() -> None:
+    """A load of 1.2 kg that nobody knew of threw an arm about at 19 times its limit, at 60 Hz."""
+    memory = guard()
+    for k in range(200):
+        rate = LIMIT * min(2.0, max(0.0, 0.1 * (k - 100)))
+        fast = [0.0, rate, 0.0]
+        if locks_at_overspeed(memory, FIRST, fast, [0.0] * 3, False, 0.01 * k):
+            break
+    assert 1.1 * LIMIT <= rate <= 1.25 * LIMIT
+    assert memory.joint == 0
+
+
+def test_an_arm_that_steadies_its_vehicle_is_left_to_a_quick_loop() -> None:
+    """A lock began anew whenever a load of 4 kg let go, and no tool of six thrusters came to its
+    target.
+    """
+    memory = guard()
+    memory.steadies = True
     for k in range(200):
         rate = 2.5 * LIMIT if 100 <= k < 125 else 0.0
         assert not locks_at_overspeed(memory, FIRST, [0.0, rate, 0.0], [0.0] * 3, False, 0.01 * k)

@@ -16,7 +16,7 @@ ONSET = 6.0  # [s]
 
 @pytest.mark.slow
 @long_without_compiler
-@pytest.mark.parametrize("dt", [0.02, 0.05])
+@pytest.mark.parametrize("dt", [0.01, 0.02, 0.05])
 @pytest.mark.parametrize("fault", ["thruster3:reversed", "thruster1:reversed", "thruster1:dead"])
 def test_a_thruster_that_fails_throws_no_arm(fault: str, dt: float) -> None:
     """A reversed one made joints 5 times as fast as they may be, for 2.5 s."""

@@ -151,7 +151,9 @@ def test_what_is_not_stated_is_of_the_size_of_the_robot(name: str, mass: float) 
 @pytest.mark.parametrize("length", LENGTHS[:1])
 @pytest.mark.parametrize("name", FLOWN)
 def test_a_scaled_mission_is_given_up_as_the_mission(name: str, length: float) -> None:
-    """Of large robots later: crests of errors are remembered for ten seconds, whatever the size."""
+    """Of large robots later: crests of errors are remembered for ten seconds, whatever the size. Of
+    small ones by up to a quarter: what a lock of brakes lasts is of no size either.
+    """
     current = SITUATIONS["too much of a current"]["current"]
     ended = []
     for sized in (1.0, length):
@@ -161,7 +163,7 @@ def test_a_scaled_mission_is_given_up_as_the_mission(name: str, length: float) -
     (as_is, times), (scaled, scaled_times) = ended
     assert scaled == as_is
     assert as_is[0][1] == "climb"
-    assert scaled_times == pytest.approx(times, rel=0.1)
+    assert scaled_times == pytest.approx(times, rel=0.3)
 
 
 @long_without_compiler

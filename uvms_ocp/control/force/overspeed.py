@@ -6,7 +6,9 @@ So does a loop that shakes an arm to and fro, as one of a posture that is far fr
 it is locked at any rate of the loop.
 
 An encoder that drifts slowly enough takes its joint along and is doubted by nobody, so that it is
-not asked whether one is, but where the loop is quick enough to catch an arm and to learn its load.
+not asked whether one is, but where the loop is quick enough to catch an arm and to learn its load: it
+is locked where it is not caught soon. Where no thruster drives an axis of the vehicle it is left to
+the loop: an arm that is locked cannot steady a vehicle that swings, whose swing throws it again.
 A lock lasts as long as one is, or as the vehicle is carried off: it would throw the arm. So it does
 as long as a joint seems to move that is locked: its readings are wrong.
 """
@@ -21,6 +23,8 @@ from uvms_ocp.robot.signals import SAME_TIME
 
 _TICKS_TO_ACT = 2.0  # until brakes act on what is seen
 _SLOW_TICK = 0.02  # [s] of control from which on a loop catches no arm that is thrown
+_CAUGHT = 1.1  # share of its limit at which a joint is that a quick loop has not caught
+_THROWN = 1.5  # share of its limit that a joint is about to reach, which no loop catches any more
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
 _CARRIED_OFF = 0.5  # share of the limit by which a vehicle is off the velocity that is asked of it
 _DOUBTFUL = 10.0  # [s] after a doubt or a lock for which a posture, or a load, may be another one
@@ -47,6 +51,8 @@ class OverspeedMemory(Layout):
     """(n_joints,) [rad/s or m/s] largest velocities."""
     late: float
     """[s] dead time of the rates that is known."""
+    steadies: bool
+    """True where an axis of the vehicle is driven by no thruster, so that its arm steadies it."""
     vehicle_limit: Annotated[Vector, Sized(6)]
     """(6,) [m/s, rad/s] largest velocities of the vehicle."""
     before: Annotated[Vector, Sized("n_joints")]
@@ -81,6 +87,8 @@ class OverspeedMemory(Layout):
     """(n_joints,) times in a row that it was off to the other side soon."""
     shaking: bool
     """True where the joint that locked the brakes was shaken."""
+    escaped: bool
+    """True where a joint is farther beyond its limit than a loop that catches it lets it come."""
     thrown: bool
     """True where the joint came to its limit within one tick: let go, it would do so again before
     the brakes can act.
@@ -131,7 +139,7 @@ def locks_at_overspeed(
     if t > overspeed.doubted_until + SAME_TIME:
         overspeed.lock = 0.0
     is_doubtful = doubted or t <= overspeed.doubted_until + SAME_TIME
-    is_caught = not (catches_none or overspeed.shaking)
+    is_caught = not (catches_none or overspeed.escaped or overspeed.shaking)
     if overspeed.joint < 0 or (is_caught and not is_doubtful):
         overspeed.joint = -1
         return False
@@ -203,6 +211,7 @@ def _fastest_unasked(
     """Return the joint that is about to be the farthest beyond its limit at time t [s]; -1 for none."""
     joint = -1
     largest_excess = 0.0
+    overspeed.escaped = False
     for j in range(overspeed.count):
         rate = v[first + j]
         growth = abs(rate - overspeed.before[j])
@@ -212,6 +221,10 @@ def _fastest_unasked(
         asked = reference[first + j]
         deviation = _deviation(overspeed, j, rate, asked)
         is_unasked = abs(deviation) > _UNASKED * overspeed.limit[j]
+        is_fast = abs(rate) > _CAUGHT * overspeed.limit[j]
+        is_thrown = abs(expected) > _THROWN * overspeed.limit[j]
+        if is_unasked and (is_fast or is_thrown) and not overspeed.steadies:
+            overspeed.escaped = True
         if abs(deviation) > _SWING * overspeed.limit[j]:
             _note_side(overspeed, j, 1.0 if deviation > 0.0 else -1.0, t)
         overspeed.asked_earlier[j] = overspeed.asked[j]

@@ -37,6 +37,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS, JOINT_RATES
 from uvms_ocp.estimation.fallbacks import level_attitude
 from uvms_ocp.robot.signals import SAME_TIME, Command, Trust
+from uvms_ocp.robot.thrusters import undriven_axes
 
 _ENCODER_SILENCE = (
     0.1  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
@@ -46,6 +47,7 @@ _WEIGHING = 2.0  # [s] after a fall in which the observer of the vehicle comes t
 _AGAIN = (
     10.0  # [s] after a load was weighed in which an arm that falls all the same is not let go early
 )
+_RAISED = 0.1  # [s] before and after a lock in which a doubt begins that the fall itself raises
 _EXPLAINED = 0.7  # share of what the vehicle bears that a load has to explain
 _SIZEABLE = 0.02  # share of the effort of a joint by which a load is more than what is known
 
@@ -108,6 +110,8 @@ class ForceMemory(Layout):
     """Joint that fell until brakes locked it, whose load is not weighed yet; -1 for none."""
     fell_upwards: bool
     """True where it fell towards positive positions."""
+    doubted_since: float
+    """[s] time since when encoders are distrusted; infinite where they are not."""
     weighed_t: float
     """[s] time of the last load that was weighed."""
     locked: bool
@@ -147,6 +151,7 @@ def begin_force(force: ForceMemory) -> None:
     apply_detected_effectiveness(force)
     start_overspeed(force.overspeed)
     force.fallen = -1
+    force.doubted_since = math.inf
     force.weighed_t = -math.inf
 
 
@@ -166,6 +171,10 @@ def force_step(force: ForceMemory) -> bool:
     force.inputs.joint_feedback[0] = min(
         force.inputs.joint_feedback[0], force.joint_bandwidth_share
     )
+    if force.encoders_trusted:
+        force.doubted_since = math.inf
+    elif force.doubted_since == math.inf:
+        force.doubted_since = force.t
     if force.fallen >= 0:
         _weigh_load(force)
     too_fast = locks_at_overspeed(
@@ -255,9 +264,12 @@ def _leave_turns(force: ForceMemory) -> None:
 
 
 def _note_fall(force: ForceMemory) -> None:
-    """Note which joint fell, unless readings may be wrong or its loop shook it: then it is no load."""
+    """Note which joint fell, unless readings were doubted before or its loop shook it: then it is no
+    load.
+    """
     force.fallen = -1
-    if force.encoders_trusted and not force.overspeed.shaking:
+    doubted_before = force.doubted_since < force.t - _RAISED - SAME_TIME
+    if not doubted_before and not force.overspeed.shaking:
         k = force.detection.n_vehicle + force.overspeed.joint
         force.fallen = force.overspeed.joint
         force.fell_upwards = force.inputs.v[k] > force.inputs.reference[k]
@@ -268,22 +280,26 @@ def _weigh_load(force: ForceMemory) -> None:
     explains both: an arm that brakes let go would fall again by a load that nobody knows of.
 
     One that fell again soon stays locked for as long as it is to be; its load is weighed at the end.
-    A vehicle that is carried off would throw the arm, and what it bears is not the load alone: it is
-    waited for.
+    Nor is the load of an arm weighed whose vehicle is carried off: what it bears is not the load
+    alone, then or soon after, and its arm stays locked for as long as it is to be.
     """
     overspeed = force.overspeed
     is_over = force.t >= overspeed.locked_until - SAME_TIME
     is_steady = force.t >= overspeed.locked_at + _WEIGHING - SAME_TIME
-    if not force.encoders_trusted or overspeed.moved:
+    doubted_later = not force.encoders_trusted and (
+        force.doubted_since > overspeed.locked_at + _RAISED + SAME_TIME
+    )
+    if doubted_later or overspeed.moved:
         force.fallen = -1
     is_due = is_over or (is_steady and force.t > force.weighed_t + _AGAIN)
-    if force.fallen < 0 or not is_due:
+    if force.fallen < 0 or not is_due or not force.encoders_trusted:
         return
     if not is_steady:
         overspeed.locked_until = overspeed.locked_at + _WEIGHING
         return
     first = force.detection.n_vehicle
     if not is_over and is_carried_off(overspeed, first, force.inputs.v, force.inputs.reference):
+        force.fallen = -1
         return
     force.weigh(force.inputs, force.state, force.weighed, force.explained)
     if _explains_fall(force):
@@ -543,6 +559,7 @@ class ForceTick:
         memory.joint_efforts[: robot.n_joints] = efforts
         memory.overspeed.count = robot.n_joints
         memory.overspeed.late = derating.joints_late
+        memory.overspeed.steadies = bool(undriven_axes(robot))
         joint_limits = robot.limits.velocity[robot.joint_v].tolist()
         memory.overspeed.limit[: robot.n_joints] = joint_limits
         vehicle_limits = robot.limits.velocity[: robot.n_vehicle].tolist()
