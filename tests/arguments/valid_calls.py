@@ -949,6 +949,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "read_table": lambda: {"folder": _campaign_folder()},
     "vary": lambda: {"values": {"tasks.HA.gain": 0.5}},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
+    "Channel": lambda: {"name": "beacon", "unit": "m"},
     "parse_fault": lambda: {"text": "depth:lost@1"},
     "scale_to_limits": dict,
 }

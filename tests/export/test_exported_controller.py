@@ -19,9 +19,9 @@ import uvms_ocp as uo
 from uvms_ocp.codegen.kernels import initial_value
 from uvms_ocp.control.velocity.levels import numbers_of
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.export import c_files, controller, export_controller, exported_controller
 from uvms_ocp.mission.phase import Phase
+from uvms_ocp.robot.channels import CHANNELS
 from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.scenario.cases import SCENARIOS, case1
 from uvms_ocp.scenario.options import activate, mission_of

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control import Estimator, PassThrough
+from uvms_ocp.robot.channels import CHANNELS
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.signals import (
     IDEAL_SENSORS,
@@ -154,7 +155,7 @@ class ComplementaryFilter:
     def __call__(self, readings: Readings, t: float, command: Command | None) -> StateEstimate:
         dt = t - self.t
         self.t = t
-        fresh = {name: self._fresh(name, readings) for name in Readings.__dataclass_fields__}
+        fresh = {name: self._fresh(name, readings) for name in CHANNELS}
         rates = fresh["angular_velocity"]
         if rates is not None:
             self.v[3:6] = rates

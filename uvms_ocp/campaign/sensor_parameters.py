@@ -13,7 +13,8 @@ from functools import partial
 
 from uvms_ocp.campaign.distributions import Parameter
 from uvms_ocp.record.tables import of_joints
-from uvms_ocp.robot.signals import CHANNELS, UNITS, SensorSpec, SensorSpecs
+from uvms_ocp.robot.channels import SensorSpec, rows_by_name
+from uvms_ocp.robot.signals import SensorSpecs, with_sensors
 from uvms_ocp.scenario.scenario import Scenario
 
 _FIELDS = {
@@ -27,7 +28,8 @@ _FIELDS = {
 
 def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Yield parameters of all sensors together, and of each that the robot has."""
-    channels = [channel for channel in CHANNELS if getattr(scenario.specs, channel) is not None]
+    channels = scenario.specs.present
+    rows = rows_by_name(scenario.specs.own)
     noise = partial(_each, lambda spec, factor: {"sigma": factor * spec.sigma})
     unmodelled_delay = partial(_each, lambda spec, value: {"delay": spec.delay + value})
     yield Parameter("sensors.noise", "-", "factor of the noise of all channels", noise)
@@ -49,17 +51,15 @@ def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
             apply = partial(_with_field, channel, name)
             yield Parameter(
                 f"sensors.{channel}.{name}",
-                unit or of_joints(UNITS[channel], slides),
+                unit or of_joints(rows[channel].unit, slides),
                 meaning,
                 apply,
             )
 
 
 def _delayed(scenario: Scenario, value: float) -> Scenario:
-    for channel in CHANNELS:
-        spec: SensorSpec | None = getattr(scenario.specs, channel)
-        if spec is not None:
-            scenario = _with_delay(channel, scenario, spec.delay + value)
+    for channel, spec in scenario.specs.present.items():
+        scenario = _with_delay(channel, scenario, spec.delay + value)
     return scenario
 
 
@@ -67,12 +67,11 @@ def _with_delay(channel: str, scenario: Scenario, value: float) -> Scenario:
     """Return the scenario with another nominal delay; the unmodelled part of the delay stays."""
     specs = scenario.specs
     true_specs = _true(scenario)
-    nominal = getattr(specs, channel)
-    spec = getattr(true_specs, channel)
-    specified = replace(specs, **{channel: replace(nominal, delay=value)})
-    real_specs = replace(
-        true_specs, **{channel: replace(spec, delay=value + spec.delay - nominal.delay)}
-    )
+    nominal = specs.present[channel]
+    spec = true_specs.present[channel]
+    specified = with_sensors(specs, {channel: replace(nominal, delay=value)})
+    real_delay = value + spec.delay - nominal.delay
+    real_specs = with_sensors(true_specs, {channel: replace(spec, delay=real_delay)})
     return replace(scenario, sensors=specified, real_sensors=scenario.real_sensors and real_specs)
 
 
@@ -81,22 +80,19 @@ def _each(
 ) -> Scenario:
     specs = _true(scenario)
     changed = {}
-    for name in CHANNELS:
-        spec = getattr(specs, name)
-        if spec is not None:
-            changed[name] = replace(spec, **change(spec, value))
-    return replace(scenario, real_sensors=replace(specs, **changed))
+    for name, spec in specs.present.items():
+        changed[name] = replace(spec, **change(spec, value))
+    return replace(scenario, real_sensors=with_sensors(specs, changed))
 
 
 def _with_field(channel: str, name: str, scenario: Scenario, value: float) -> Scenario:
     specs = _true(scenario)
-    spec: SensorSpec = getattr(specs, channel)
+    spec = specs.present[channel]
     if name == "unmodelled_delay":
         name = "delay"
         value = spec.delay + value
-    return replace(
-        scenario, real_sensors=replace(specs, **{channel: replace(spec, **{name: value})})
-    )
+    changed = replace(spec, **{name: value})
+    return replace(scenario, real_sensors=with_sensors(specs, {channel: changed}))
 
 
 def _true(scenario: Scenario) -> SensorSpecs:

@@ -13,7 +13,8 @@ from typing import Annotated, Any
 import tomllib
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
-from uvms_ocp.robot.signals import SAME_TIME, ChannelHealth, Readings, Trust
+from uvms_ocp.robot.channels import CHANNELS
+from uvms_ocp.robot.signals import SAME_TIME, ChannelHealth, Trust
 
 ALTIMETER = "altimeter_range"
 ENCODERS = "joint_positions"
@@ -22,9 +23,6 @@ JOINT_RATES = "joint_velocities"
 _TABLE = tomllib.loads(
     (files("uvms_ocp.estimation") / "degraded_modes.toml").read_text(encoding="utf-8")
 )
-
-CHANNELS = tuple(Readings.__dataclass_fields__)
-"""Channels in the order of a `RestrictionMemory`."""
 
 _N_CHANNELS = len(CHANNELS)
 _ATTITUDE = CHANNELS.index("attitude")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache, partial
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -27,13 +26,18 @@ from uvms_ocp.estimation import (
     vehicle_model,
 )
 from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex, Part
+from uvms_ocp.estimation.own_measurements import (
+    own_measurements,
+    require_fusible,
+    write_dependence,
+)
 from uvms_ocp.estimation.tuning import EstimatorTuning
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot import signals
+from uvms_ocp.robot.channels import CHANNELS, TABLE
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import (
-    CHANNELS,
     IDEAL_SENSORS,
     Command,
     Reading,
@@ -45,14 +49,6 @@ from uvms_ocp.robot.signals import (
 from uvms_ocp.types import Array, read_only
 
 JOINT_CHANNELS = ("joint_positions",)
-_VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
-_OPTIONAL_CHANNELS = (
-    "depth",
-    "joint_velocities",
-    "specific_force",
-)  # improve an estimate that does not need them
-
-_readings_by_channel = attrgetter(*CHANNELS)
 
 _LATEST = 1e10  # [s] of any clock; Unix time reaches it in 2286
 
@@ -76,7 +72,7 @@ def advance_filter(filter: filtering.FilterMemory) -> None:
         filter.std[6 + j] = math.sqrt(max(filter.joint_P[j][0][0], 0.0))
     filter.age[0] = 0.0
     filter.age[1] = max(filter.now - filter.used[ChannelIndex.JOINT_POSITIONS], 0.0)
-    for c in range(filtering.N_CHANNELS):
+    for c in range(len(filter.needed)):
         if filter.needed[c] > 0.0:
             filter.age[0] = max(filter.now - filter.used[c], filter.age[0])
         filter.fresh[c] = 0.0
@@ -144,14 +140,16 @@ def needed_channels(
     robot: Robot, specs: SensorSpecs, altimeter_frame: str | None
 ) -> tuple[str, ...]:
     """Return the channels that the robot has and that no other replaces."""
-    skipped = set(_OPTIONAL_CHANNELS)
-    if not robot.n_vehicle:
-        skipped.update(_VEHICLE_CHANNELS)
-    if not robot.n_vehicle or not altimeter_frame:
-        skipped.add("altimeter_range")
-    return tuple(
-        name for name in CHANNELS if getattr(specs, name) is not None and name not in skipped
-    )
+    names = list[str]()
+    for channel in TABLE:
+        exists = getattr(specs, channel.name) is not None
+        if channel.of_motion:
+            exists = exists and robot.n_vehicle > 0
+        elif channel.name == "altimeter_range":
+            exists = exists and robot.n_vehicle > 0 and bool(altimeter_frame)
+        if exists and channel.needed:
+            names.append(channel.name)
+    return tuple(names)
 
 
 class AltimeterMount:
@@ -288,11 +286,18 @@ class Estimator(TableDisplay):
         if specs.altimeter_range is None or not robot.n_vehicle:
             frame = None
         self._n_vehicle = robot.n_vehicle
-        self.structure = filtering.filter_memory(robot.n_joints)
+        own = specs.own
+        require_fusible(robot, own)
+        self._own = tuple(channel.name for channel in own)
+        self._numbers = filtering.numbers_of(own)
+        self.structure = filtering.filter_memory(
+            robot.n_joints, own, own_measurements(robot, own) if own else None
+        )
         """Memory of the kernels, a `FilterMemory`."""
         filtering.initialise(self.structure, robot, specs, tuning)
         self.memory = kernel_layout.arrays_of(self.structure)
         """All numbers of the filter, for who studies it: the arrays of a `FilterMemory`."""
+        write_dependence(self.memory, robot, own)
         for name in needed_channels(robot, specs, altimeter_frame):
             self.memory.needed[NUMBER[name]] = 1.0
         self.has_range = frame is not None
@@ -300,13 +305,11 @@ class Estimator(TableDisplay):
         self._beam = None if frame is None else AltimeterMount(robot, frame, self.memory)
         self._chart = JointChart(robot, self.memory)
         self._joints = self._chart.configuration()
-        (self.tick,) = kernels.bind_kernels(
-            (advance_filter,), (type(self.structure),), compiled=compiled
-        )
+        (self.tick,) = kernels.bind_memory(self.structure, (advance_filter,), compiled=compiled)
         """Kernel of the filter alone, from the inputs in its memory to its outputs."""
         self.advance: Callable[[], None] = partial(self.tick, self.structure)
         """The kernel of the filter, bound to its memory."""
-        self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
+        self._seen: dict[str, Reading | None] = dict.fromkeys(self._numbers)
         self._refused: frozenset[str] = frozenset()
         self._t: float | None = None
 
@@ -346,15 +349,15 @@ class Estimator(TableDisplay):
         late that its past is forgotten is not compared. Raises `NameNotFound` for an unknown
         channel.
         """
-        t, squared, degrees, accepted = self.memory.outcome[_number(channel)].tolist()
+        t, squared, degrees, accepted = self.memory.outcome[self._number(channel)].tolist()
         if math.isnan(t):
             return None
         return _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
 
     @property
     def outcomes(self) -> Array:
-        """Outcomes (9, 4) [s, -, -, -] of all channels, in the order of `ChannelIndex`; changed in
-        place by every call.
+        """Outcomes (n_channels, 4) [s, -, -, -] of all channels, in the order of `ChannelIndex`, a
+        user's own after these; changed in place by every call.
 
         When the reading was taken, squared innovation, degrees of freedom, 1 if it was used; nan
         before the first.
@@ -367,13 +370,13 @@ class Estimator(TableDisplay):
 
         Raises `NameNotFound` for an unknown channel.
         """
-        return float(self.memory.used[_number(channel)])
+        return float(self.memory.used[self._number(channel)])
 
     def refuse(self, channel: str, refused: bool = True) -> None:
         """Use no readings of a channel from now on, or again. Raises `NameNotFound` for an unknown
         channel.
         """
-        _number(channel)
+        self._number(channel)
         if refused:
             self._refused = self._refused | {channel}
         else:
@@ -403,6 +406,11 @@ class Estimator(TableDisplay):
         """View of `std` (n_v,) [m, rad] on the memory of the kernel."""
         return np.asarray(self.memory.std[6 - self._n_vehicle :])
 
+    def _number(self, channel: str) -> int:
+        if channel not in self._numbers:
+            raise NameNotFound("channel", channel, tuple(self._numbers))
+        return self._numbers[channel]
+
     def _require_later(self, t: float) -> None:
         """Take the time [s] of the tick. Raises `InvalidInput` as a call."""
         if not abs(t) <= _LATEST:
@@ -418,16 +426,17 @@ class Estimator(TableDisplay):
     def _take_in(self, readings: Readings) -> None:
         memory = self.memory
         last_readings = self._seen
-        for name, reading in zip(CHANNELS, _readings_by_channel(readings), strict=True):
+        given = signals.readings_by_channel(readings, self._own)
+        for name, reading in zip(self._numbers, given, strict=True):
             if reading is None or reading is last_readings[name] or name in self._refused:
                 continue
             last_readings[name] = reading
-            c = NUMBER[name]
-            if c < filtering.N_VEHICLE:
+            c = self._numbers[name]
+            if c >= filtering.N_JOINT_CHANNELS:
                 memory.value[c, : np.size(reading.value)] = reading.value
             else:
                 values = self._chart.values(name, reading.value)
-                memory.joint_value[c - filtering.N_VEHICLE] = values
+                memory.joint_value[c] = values
             memory.fresh[c] = 1.0
             memory.stamp[c] = reading.t
 
@@ -464,12 +473,6 @@ class Estimator(TableDisplay):
         )
 
 
-def _number(channel: str) -> int:
-    if channel not in NUMBER:
-        raise NameNotFound("channel", channel, CHANNELS)
-    return NUMBER[channel]
-
-
 @lru_cache(maxsize=16)
 def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     """Compute the standard deviation (n_v,) [m, rad] of the estimated q of a robot at rest, once
@@ -484,7 +487,7 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     truth = _truth(robot)
     for k in range(int(_SETTLED * _RATE)):
         t = k / _RATE
-        readings = dict[str, Reading]()
+        readings = dict[str, Reading[Any] | None]()
         for name, value in truth.items():
             spec: SensorSpec | None = getattr(specs, name)
             if spec is None:
@@ -492,7 +495,7 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
             stamp = _time_of_last_reading(spec, t)
             if stamp >= 0.0:
                 readings[name] = signals.unchecked_reading(value=value, t=stamp)
-        estimator(signals.unchecked_readings(**readings), t)
+        estimator(signals.readings_of(readings), t)
     return read_only(np.hypot(estimator.std, declared_bias(robot, specs)))
 
 

@@ -10,12 +10,22 @@ arrived yet, three rows each. Joints are independent of the vehicle and of each 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from enum import IntEnum
+from functools import lru_cache
 from typing import Annotated, Any
 
+import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, arrays_of, structure_of
+from uvms_ocp.codegen.kernel_layout import (
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    arrays_of,
+    structure_of,
+)
 from uvms_ocp.estimation.tuning import (
     ALTITUDE_DRIFT,
     BIAS_DRIFTS,
@@ -27,7 +37,6 @@ from uvms_ocp.estimation.tuning import (
     GATES,
     JOINT_FIRST_DEVIATIONS,
     JOINT_LARGEST_DEVIATIONS,
-    JOLTS,
     LARGEST_DEVIATIONS,
     LEAST_JERK_SHARE,
     RECOVERY,
@@ -35,11 +44,10 @@ from uvms_ocp.estimation.tuning import (
     SLOWEST_TICK,
     EstimatorTuning,
 )
+from uvms_ocp.robot.channels import CHANNEL_OF, CHANNELS, LARGEST_OWN, Channel, rows_by_name
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
+from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
-
-N_VEHICLE = 7
 
 MAIN = 28
 SLOTS = 48
@@ -58,43 +66,41 @@ _MOST_AGILE = 10.0  # [m/s2, rad/s2] acceleration of axes whose limits are infin
 
 
 class ChannelIndex(IntEnum):
-    """Numbers of the channels, those of the vehicle first, in the order in which readings of one
-    tick are used.
+    """Numbers of the toolkit's channels: those of the joints, then those of the vehicle in the order in
+    which readings of one tick are used. A user's own come after them.
     """
 
-    ATTITUDE = 0
-    ANGULAR_VELOCITY = 1
-    POSITION = 2
-    DEPTH = 3
-    LINEAR_VELOCITY = 4
-    SPECIFIC_FORCE = 5
-    ALTIMETER_RANGE = 6
-    JOINT_POSITIONS = 7
-    JOINT_VELOCITIES = 8
+    JOINT_POSITIONS = 0
+    JOINT_VELOCITIES = 1
+    ATTITUDE = 2
+    ANGULAR_VELOCITY = 3
+    POSITION = 4
+    DEPTH = 5
+    LINEAR_VELOCITY = 6
+    SPECIFIC_FORCE = 7
+    ALTIMETER_RANGE = 8
 
 
 NUMBER = {name: ChannelIndex[name.upper()] for name in CHANNELS}
-"""Index of each channel, by its name in `Readings`."""
+"""Index of each channel of the toolkit, by its name in `Readings`."""
 N_CHANNELS = len(ChannelIndex)
+"""Number of the first channel of a user's own."""
+N_JOINT_CHANNELS = 2
+"""Number of the first channel of the vehicle."""
 
 
-def rows_of(channel: int) -> int:
-    """Return the number of entries of one reading of a channel; of one joint for the joints'
-    channels. A kernel.
-    """
-    if channel <= ChannelIndex.SPECIFIC_FORCE and channel != ChannelIndex.DEPTH:
-        return 3
-    return 1
+def numbers_of(own: Iterable[Channel]) -> dict[str, int]:
+    """Return the index of each channel of the toolkit, and of a user's own after them, by name."""
+    numbers = {name: int(number) for name, number in NUMBER.items()}
+    for channel in own:
+        numbers[channel.name] = len(numbers)
+    return numbers
 
 
-def orders_of(channel: int) -> int:
-    """Return the number of integrations from the acceleration to what the channel reads. A kernel."""
-    if channel == ChannelIndex.SPECIFIC_FORCE:
-        return 0
-    velocity = channel == ChannelIndex.ANGULAR_VELOCITY or channel == ChannelIndex.LINEAR_VELOCITY
-    if velocity or channel == ChannelIndex.JOINT_VELOCITIES:
-        return 1
-    return 2
+def by_number(own: Iterable[Channel] = ()) -> dict[int, Channel]:
+    """Return the rows of the toolkit's channels, and of a user's own, by their index."""
+    numbers = numbers_of(own)
+    return {numbers[name]: channel for name, channel in rows_by_name(own).items()}
 
 
 def pushed_time(time: float) -> float:
@@ -159,30 +165,36 @@ class FilterMemory(Layout):
 
     n_joints: int
     # Set once.
-    sigma: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [unit of the channel] standard deviation of the noise."""
-    period: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] time between two readings, 0 for once per tick."""
-    gate: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) chi-square gate: largest squared innovation that is accepted; of one joint for the
+    rows: Annotated[list[int], Sized("n_channels")]
+    """(n_channels,) entries of the error of one reading; of one joint for the joints' channels."""
+    orders: Annotated[list[int], Sized("n_channels")]
+    """(n_channels,) integrations from the acceleration to what each channel reads."""
+    of_place: Annotated[list[list[int]], Sized("n_channels", 3)]
+    """(n_channels, 3) 1 where a channel of a user's own depends on x, y and z in W."""
+    sigma: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [unit of the channel] standard deviation of the noise."""
+    period: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] time between two readings, 0 for once per tick."""
+    gate: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) chi-square gate: largest squared innovation that is accepted; of one joint for the
     joints.
     """
-    agility: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
-    jolt: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [m/s2, rad/s2] unplanned acceleration that gates grant, `JOLTS`."""
-    push: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [m/s2, rad/s2] acceleration that weight and one thruster give, which gates grant for a whole
+    agility: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
+    jolt: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [m/s2, rad/s2] unplanned acceleration that gates grant, `Channel.jolt`."""
+    push: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [m/s2, rad/s2] acceleration that weight and one thruster give, which gates grant for a whole
     tick.
     """
-    surprise: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [unit of the channel] innovation of the last reading that was believed, where it is
+    surprise: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [unit of the channel] innovation of the last reading that was believed, where it is
     beyond the noise; it fades.
     """
-    recovery: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] duration for which rejected readings must agree to be accepted."""
-    needed: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) 1 where the age of the channel counts for that of the estimate."""
+    recovery: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] duration for which rejected readings must agree to be accepted."""
+    needed: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) 1 where the age of the channel counts for that of the estimate."""
     drive: Annotated[Vector, Sized(len(ProcessNoise))]
     """(9,) [units of `EstimatorTuning`, times s^0.5] process noise densities, in the order of
     `ProcessNoise`.
@@ -214,12 +226,12 @@ class FilterMemory(Layout):
     """True where the command locks the joints."""
     response: Annotated[Vector, Sized("n_commanded")]
     """(6 + n_joints,) [m/s, rad/s] velocity that commands have brought about."""
-    fresh: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) 1 where a channel has a new reading."""
-    stamp: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] time at which that reading was taken."""
-    value: Annotated[list[Vector], Sized(N_VEHICLE, 4)]
-    """(7, 4) [unit of the channel] readings of the vehicle's channels."""
+    fresh: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) 1 where a channel has a new reading."""
+    stamp: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] time at which that reading was taken."""
+    value: Annotated[list[Vector], Sized("n_channels", 4)]
+    """(n_channels, 4) [unit of the channel] readings of the vehicle's channels."""
     joint_value: Annotated[list[Vector], Sized(2, "n_joints")]
     """(2, n_joints) [rad or m, rad/s or m/s] readings of the joints' channels."""
     # State.
@@ -259,22 +271,22 @@ class FilterMemory(Layout):
     """(SLOTS, 3) [unit of the channel / s] rate of the predicted measurement."""
     rate_variance: Annotated[Vector, Sized(SLOTS)]
     """(SLOTS,) [square of the unit of the rate] variance of the rate."""
-    last: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] time of the newest reading of each channel."""
-    used: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] time of the newest reading of each channel that was accepted."""
-    lag: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] largest expected delay of each channel."""
-    apart: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] time between two clones of each channel."""
-    due: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] time of the next clone of each channel."""
+    last: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] time of the newest reading of each channel."""
+    used: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] time of the newest reading of each channel that was accepted."""
+    lag: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] largest expected delay of each channel."""
+    apart: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] time between two clones of each channel."""
+    due: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] time of the next clone of each channel."""
     echo: float
     """[s] time of the last echo that was accepted."""
-    since: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] time from which on rejected readings have agreed, nan for none."""
-    refused: Annotated[list[Vector], Sized(N_VEHICLE, 3)]
-    """(7, 3) [unit of the channel] innovation of the last rejected reading of each channel."""
+    since: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] time from which on rejected readings have agreed, nan for none."""
+    refused: Annotated[list[Vector], Sized("n_channels", 3)]
+    """(n_channels, 3) [unit of the channel] innovation of the last rejected reading of each channel."""
     joint_x: Annotated[list[Vector], Sized("n_joints", 2)]
     """(n_joints, 2) [rad or m, rad/s or m/s] displacement and velocity of each joint."""
     joint_P: Annotated[list[list[Vector]], Sized("n_joints", JOINT_STATES, JOINT_STATES)]
@@ -295,13 +307,30 @@ class FilterMemory(Layout):
     """(2, n_joints) [rad or m, rad/s or m/s] innovation of the last rejected reading."""
     joint_unknown: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) 1 where the fresh reading was the first."""
+    # Channels of a user's own, `LARGEST_OWN` rows each.
+    measure: FunctionField
+    """Function of `turn`, `x` and `joint_state` that gives the four arrays below."""
+    joint_state: Annotated[Vector, Sized("n_joint_states")]
+    """(2 n_joints,) [rad or m, rad/s or m/s] positions and rates of all joints."""
+    own_h: Annotated[Vector, Sized("n_own_rows")]
+    """(n_own_rows,) [unit of the channel] predicted measurements."""
+    own_H: Annotated[Vector, Sized("n_own_entries")]
+    """(n_own_rows MAIN,) [SI] their derivatives with respect to the errors, row by row."""
+    own_rate: Annotated[Vector, Sized("n_own_rows")]
+    """(n_own_rows,) [unit of the channel / s] their rates."""
+    own_joint_H: Annotated[Vector, Sized("n_own_joint_entries")]
+    """(n_own_rows n_joints,) [SI] their derivatives with respect to joint positions, row by row."""
+    joint_variance: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [square of the unit of the channel] variance by joints that move what a channel of
+    a user's own reads.
+    """
     # Outputs of a tick.
     predicted: PredictedMeasurement
     """Predicted measurement of the channel that was looked at last."""
     change: Annotated[Vector, Sized(STATES)]
     """(STATES,) [SI] change of the error state by the last correction."""
-    outcome: Annotated[list[Vector], Sized(N_CHANNELS, 4)]
-    """(9, 4) [s, -, -, -] outcome of the gate on the newest reading: its time, squared innovation,
+    outcome: Annotated[list[Vector], Sized("n_channels", 4)]
+    """(n_channels, 4) [s, -, -, -] outcome of the gate on the newest reading: its time, squared innovation,
     degrees of freedom, 1 if accepted; nan before the first.
     """
     twist: Annotated[Vector, Sized(6)]
@@ -316,11 +345,37 @@ class FilterMemory(Layout):
     """(6 + n_joints,) [m, rad] standard deviations of position in W, attitude in B, joints."""
 
 
-def filter_memory(n_joints: int) -> FilterMemory:
-    """Make the memory of a robot with that many joints."""
-    memory = structure_of(FilterMemory, n_joints=n_joints, n_commanded=6 + n_joints)()
+def filter_memory(
+    n_joints: int, own: Sequence[Channel] = (), measure: ca.Function | None = None
+) -> FilterMemory:
+    """Make the memory of a robot with that many joints and channels of a user's own, whose function is
+    that of `own_measurements`.
+    """
+    n_own_rows = LARGEST_OWN * len(own)
+    memory = structure_of(
+        FilterMemory,
+        n_joints=n_joints,
+        n_commanded=6 + n_joints,
+        n_joint_states=2 * n_joints,
+        n_channels=N_CHANNELS + len(own),
+        n_own_rows=n_own_rows,
+        n_own_entries=n_own_rows * MAIN,
+        n_own_joint_entries=n_own_rows * n_joints,
+        measure=measure or _measure_nothing(n_joints),
+    )()
     memory.n_joints = n_joints
+    for number, channel in by_number(own).items():
+        memory.rows[number] = channel.rows
+        memory.orders[number] = channel.orders
+        memory.jolt[number] = channel.jolt
     return memory
+
+
+@lru_cache(maxsize=8)
+def _measure_nothing(n_joints: int) -> ca.Function:
+    """Make the function that stands for the measurements where there are none."""
+    inputs = [ca.SX.sym("turn", 4), ca.SX.sym("x", MAIN), ca.SX.sym("joints", 2 * n_joints)]
+    return ca.Function("measure_nothing", inputs, [ca.SX(0, 1)] * 4)
 
 
 # What the filter is told once: the noise of the sensors, how the robot is expected to move, and
@@ -332,26 +387,25 @@ def initialise(
 ) -> None:
     """Write what the filter knows before the first tick."""
     memory = arrays_of(structure)
-    for name in CHANNELS:
-        channel = NUMBER[name]
-        spec = getattr(specs, name)
-        memory.sigma[channel] = _SMALLEST_SIGMA
-        memory.period[channel] = 0.0
-        memory.lag[channel] = 0.0
-        if spec is not None:
-            memory.sigma[channel] = max(spec.sigma, _SMALLEST_SIGMA)
-            memory.period[channel] = 1.0 / spec.rate
-            memory.lag[channel] = spec.delay
-        memory.gate[channel] = GATES[rows_of(channel)]
-        memory.recovery[channel] = RECOVERY
+    sensors = specs.present
+    for number, channel in by_number(specs.own).items():
+        memory.sigma[number] = _SMALLEST_SIGMA
+        memory.period[number] = 0.0
+        memory.lag[number] = 0.0
+        if channel.name in sensors:
+            sensor = sensors[channel.name]
+            memory.sigma[number] = max(sensor.sigma, _SMALLEST_SIGMA)
+            memory.period[number] = 1.0 / sensor.rate
+            memory.lag[number] = sensor.delay
+        memory.gate[number] = GATES[channel.rows]
+        memory.recovery[number] = RECOVERY
     memory.recovery[ChannelIndex.ALTIMETER_RANGE] = ECHO_RECOVERY
     memory.limit[:] = [*np.repeat(LARGEST_DEVIATIONS, 3), FLOOR_DEVIATION]
     memory.joint_limit[:] = JOINT_LARGEST_DEVIATIONS
     memory.gravity[:] = robot.model.gravity.linear
     memory.beam_up[2] = 1.0
-    memory.agility[:] = _agility(robot)
-    memory.jolt[:] = JOLTS
-    memory.push[: ChannelIndex.POSITION] = unasked_turn(robot)
+    memory.agility[:N_CHANNELS] = _agility(robot)
+    memory.push[[ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY]] = unasked_turn(robot)
     structure.floating = robot.n_vehicle > 0
     structure.guided = specs.specific_force is None
     structure.echo_memory = ECHO_MEMORY
@@ -376,7 +430,7 @@ def initialise(
 
 
 def _agility(robot: Robot) -> np.ndarray:
-    """Return the largest acceleration (9,) [m/s2, rad/s2] of what each channel measures, from full
+    """Return the largest acceleration (9,) [m/s2, rad/s2] of what each channel of the toolkit measures, from full
     acceleration the other way; of a vehicle along its axes at least what weight and one thruster give
     it, which nobody asks for.
     """
@@ -387,7 +441,7 @@ def _agility(robot: Robot) -> np.ndarray:
     if robot.n_vehicle:
         linear = max(limits[:3].max(), unasked_acceleration(robot)[:3].max())
         angular = limits[3:6].max()
-    return np.array([angular, angular, linear, linear, linear, linear, linear, joint, joint])
+    return np.array([joint, joint, angular, angular, *[linear] * 5])
 
 
 def unasked_turn(robot: Robot) -> float:
@@ -397,7 +451,7 @@ def unasked_turn(robot: Robot) -> float:
     if not robot.n_vehicle:
         return 0.0
     turn = float(unasked_acceleration(robot)[3:].max())
-    return min(turn, JOLTS[ChannelIndex.ANGULAR_VELOCITY])
+    return min(turn, CHANNEL_OF["angular_velocity"].jolt)
 
 
 def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None:

@@ -86,15 +86,15 @@ def _clear(filter: FilterMemory, j: int, i: int, variance: float) -> None:
 
 def fuse_joints(filter: FilterMemory) -> None:
     """Fuse the fresh readings, then clone the present state for late channels."""
-    update.space_clones(filter, _FIRST, filtering.N_CHANNELS, JOINT_SLOTS)
+    update.space_clones(filter, _FIRST, filtering.N_JOINT_CHANNELS, JOINT_SLOTS)
     if _are_of_one_time(filter):
         for j in range(filter.n_joints):
             if _is_thrown(filter, j):
                 _expect_thrown(filter, j)
-    for channel in range(_FIRST, filtering.N_CHANNELS):
+    for channel in range(_FIRST, filtering.N_JOINT_CHANNELS):
         if filter.fresh[channel] != 0.0:
             _ingest(filter, channel)
-    for channel in range(_FIRST, filtering.N_CHANNELS):
+    for channel in range(_FIRST, filtering.N_JOINT_CHANNELS):
         if filter.lag[channel] > 0.0:
             update.free_expired(
                 filter, channel, filter.joint_owner, filter.joint_taken, JOINT_SLOTS

@@ -16,11 +16,12 @@ from uvms_ocp.estimation import (
 )
 from uvms_ocp.estimation.filter_memory import (
     MAIN,
+    N_CHANNELS,
+    N_JOINT_CHANNELS,
     SLOTS,
     ChannelIndex,
     FilterMemory,
     Part,
-    rows_of,
 )
 from uvms_ocp.estimation.tuning import EARLY
 from uvms_ocp.robot.kinematics import STEEP
@@ -58,7 +59,9 @@ def space_clones(filter: FilterMemory, first: int, last: int, slots: int) -> Non
         for channel in range(first, last):
             if filter.lag[channel] > 0.0:
                 # Clones at a time if every reading of a channel has one that is near enough.
-                apart = max(max(EARLY, _least(channel)), max(filter.dt, filter.period[channel]))
+                apart = max(
+                    max(EARLY, _least(filter, channel)), max(filter.dt, filter.period[channel])
+                )
                 total += min((filter.lag[channel] + 2.0 * filter.dt) / apart + 1.0, n_clones)
         if total <= slots:
             break
@@ -67,16 +70,16 @@ def space_clones(filter: FilterMemory, first: int, last: int, slots: int) -> Non
         if filter.lag[channel] > 0.0:
             filter.apart[channel] = max(
                 (filter.lag[channel] + 2.0 * filter.dt) / (n_clones - 1.0),
-                max(_least(channel), filter.period[channel]),
+                max(_least(filter, channel), filter.period[channel]),
             )
 
 
-def _least(channel: int) -> float:
+def _least(filter: FilterMemory, channel: int) -> float:
     """Return the shortest time [s] between two clones of a channel: motion is smooth enough in
     between. Joints have no need to save.
     """
-    if channel < filtering.N_VEHICLE:
-        return _SPACING * filtering.orders_of(channel)
+    if channel >= N_JOINT_CHANNELS:
+        return _SPACING * filter.orders[channel]
     return 0.0
 
 
@@ -160,12 +163,14 @@ def time_since_accepted(filter: FilterMemory, channel: int) -> float:
     """Return the time [s] in which the robot can have done something else since the last reading of
     a channel that was believed.
 
-    Of depths, since the last of a fix, too: both tell the height.
+    Of depths, since the last of a fix, too: both tell the height. Of a user's own channel since the
+    last of a fix or a DVL, which tell what it reads.
     """
-    if channel == ChannelIndex.DEPTH:
-        used = max(filter.used[channel], filter.used[ChannelIndex.POSITION])
-    else:
-        used = filter.used[channel]
+    used = filter.used[channel]
+    if channel == ChannelIndex.DEPTH or channel >= N_CHANNELS:
+        used = max(used, filter.used[ChannelIndex.POSITION])
+    if channel >= N_CHANNELS:
+        used = max(used, filter.used[ChannelIndex.LINEAR_VELOCITY])
     return min(tuning.LONGEST_LAG, max(filter.stamp[channel] - used, 0.0)) + _SURPRISE
 
 
@@ -177,7 +182,7 @@ def planned_allowance(filter: FilterMemory, channel: int) -> float:
     standard deviations wide. A velocity that nothing but the channel tells of is that of two
     readings ago.
     """
-    moved = _moved(channel, filter.agility[channel], time_since_accepted(filter, channel))
+    moved = _moved(filter, channel, filter.agility[channel], time_since_accepted(filter, channel))
     if _is_place(channel) and _is_velocity_unseen(filter, channel):
         moved += (
             filter.agility[channel]
@@ -202,9 +207,9 @@ def jolt_allowance(filter: FilterMemory, channel: int) -> float:
     )
     time = min(max(filter.dt, filter.period[channel]), tuning.JOLT_TIME)
     time += _unseen_turning_time(filter, channel)
-    moved = max(grown, _moved(channel, filter.jolt[channel], time))
+    moved = max(grown, _moved(filter, channel, filter.jolt[channel], time))
     tick = filtering.pushed_time(filter.dt) + _unseen_turning_time(filter, channel)
-    moved = max(moved, _moved(channel, filter.push[channel], tick))
+    moved = max(moved, _moved(filter, channel, filter.push[channel], tick))
     if filter.jolt[channel] > 0.0:
         return moved * moved / 25.0
     return 0.0
@@ -217,11 +222,11 @@ def _unseen_turning_time(filter: FilterMemory, channel: int) -> float:
     return 0.0
 
 
-def _moved(channel: int, acceleration: float, time: float) -> float:
+def _moved(filter: FilterMemory, channel: int, acceleration: float, time: float) -> float:
     """Return the change of what a channel reads under a constant acceleration for a time [s]."""
-    for _ in range(filtering.orders_of(channel)):
+    for _ in range(filter.orders[channel]):
         acceleration *= time
-    return acceleration / max(filtering.orders_of(channel), 1)
+    return acceleration / max(filter.orders[channel], 1)
 
 
 def _is_velocity_unseen(filter: FilterMemory, channel: int) -> bool:
@@ -258,7 +263,7 @@ def record_outcome(
 
 def fuse(filter: FilterMemory) -> None:
     """Fuse the fresh readings, then clone the present state for late channels."""
-    space_clones(filter, 0, filtering.N_VEHICLE, SLOTS)
+    space_clones(filter, N_JOINT_CHANNELS, len(filter.fresh), SLOTS)
     velocity = int(ChannelIndex.LINEAR_VELOCITY)
     if filter.now - filter.used[velocity] > filter.lag[velocity] + filter.recovery[velocity]:
         filter.jerk_share = 1.0  # nothing shows it any more
@@ -266,10 +271,10 @@ def fuse(filter: FilterMemory) -> None:
         # The reading before has made an acceleration, which this one may end: no fix is to blame a
         # bias for it.
         _ingest(filter, velocity)
-    for channel in range(filtering.N_VEHICLE):
+    for channel in range(N_JOINT_CHANNELS, len(filter.fresh)):
         if filter.fresh[channel] != 0.0:
             _ingest(filter, channel)
-    for channel in range(filtering.N_VEHICLE):
+    for channel in range(N_JOINT_CHANNELS, len(filter.fresh)):
         if filter.lag[channel] > 0.0:
             free_expired(filter, channel, filter.owner, filter.taken, SLOTS)
             if is_due(filter, channel):
@@ -294,7 +299,13 @@ def _corrected_by(channel: int) -> int:
 
 
 def _is_blind(filter: FilterMemory, channel: int) -> bool:
-    """Return whether a channel means nothing as the attitude is unknown."""
+    """Return whether a channel means nothing as the attitude is unknown, or a coordinate that a channel
+    of a user's own depends on.
+    """
+    if channel >= N_CHANNELS:
+        for i in range(3):
+            if filter.of_place[channel][i] != 0 and vehicle.is_unknown(filter, Part.PLACE + i, 1):
+                return True
     return channel >= ChannelIndex.LINEAR_VELOCITY and vehicle.is_unknown(filter, Part.TURN, 3)
 
 
@@ -307,7 +318,7 @@ def _is_uninitialised(filter: FilterMemory, channel: int) -> bool:
         or channel == ChannelIndex.DEPTH
     )
     return (absolute or channel == ChannelIndex.ALTIMETER_RANGE) and vehicle.is_unknown(
-        filter, _corrected_by(channel), rows_of(channel)
+        filter, _corrected_by(channel), filter.rows[channel]
     )
 
 
@@ -343,7 +354,7 @@ def _is_usable(filter: FilterMemory, channel: int) -> bool:
         return False
     if channel == ChannelIndex.ALTIMETER_RANGE:
         return math.isnan(value[0]) or 0.0 <= value[0] <= tuning.LARGEST
-    for i in range(rows_of(channel)):
+    for i in range(filter.rows[channel]):
         if not abs(value[i]) <= tuning.LARGEST:
             return False
     return channel != ChannelIndex.ATTITUDE or abs(vehicle.norm(value) - 1.0) <= 1e-3
@@ -378,7 +389,7 @@ def _initialise(filter: FilterMemory, channel: int) -> None:
         moved[i] = age * predicted.rate[i] - age * age / 2.0 * vehicle.second_derivative(
             filter, channel, i
         )
-    for i in range(rows_of(channel)):
+    for i in range(filter.rows[channel]):
         vehicle.clear(filter, first + i, n, noise + late)
     if channel == ChannelIndex.ATTITUDE:
         size = vehicle.norm(value)
@@ -386,7 +397,7 @@ def _initialise(filter: FilterMemory, channel: int) -> None:
             filter.turn[i] = value[i] / size
         vehicle.turn_by(filter.turn, moved)
         return
-    for i in range(rows_of(channel)):
+    for i in range(filter.rows[channel]):
         filter.x[first + i] = value[i] + moved[i]
 
 
@@ -423,7 +434,7 @@ def _set_floor(filter: FilterMemory, age: float, n: int) -> None:
 def _gate(filter: FilterMemory, channel: int, slot: int, delta: float) -> None:
     """Gate a reading, and fuse it where it is consistent."""
     nu = zeros(3)
-    rows = rows_of(channel)
+    rows = filter.rows[channel]
     predicted = filter.predicted
     vehicle.recall_measurement(filter, channel, slot, vehicle.active(filter))
     if channel == ChannelIndex.ALTIMETER_RANGE and predicted.h[1] <= STEEP:
@@ -435,8 +446,8 @@ def _gate(filter: FilterMemory, channel: int, slot: int, delta: float) -> None:
     size = nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
     believed = _squared_innovation(filter, noise + granted, rows, nu) <= filter.gate[channel]
     # The estimate may be wrong where the channel contradicts it, but not the height, which fixes
-    # tell too.
-    not_by_fixes = (
+    # tell too, nor what a user's own channel reads, which all others tell.
+    not_by_others = channel < N_CHANNELS and (
         channel != ChannelIndex.DEPTH
         or filter.stamp[channel] - filter.used[ChannelIndex.POSITION] > filter.recovery[channel]
     )
@@ -451,7 +462,7 @@ def _gate(filter: FilterMemory, channel: int, slot: int, delta: float) -> None:
         else:
             filter.surprise[channel] = 0.0
     elif (
-        not_by_fixes
+        not_by_others
         and math.isfinite(squared)
         and math.isfinite(size)
         and _is_consistent(filter, channel, 2.0 * noise + granted, nu)
@@ -482,7 +493,7 @@ def _innovation(filter: FilterMemory, channel: int, delta: float, nu: Vector) ->
     value = filter.value[channel]
     if channel != ChannelIndex.ATTITUDE:
         scale = predicted.h[1] if channel == ChannelIndex.ALTIMETER_RANGE else 1.0
-        for i in range(rows_of(channel)):
+        for i in range(filter.rows[channel]):
             nu[i] = value[i] * scale - predicted.h[i] - delta * predicted.rate[i]
         return
     by = zeros(3)
@@ -508,7 +519,7 @@ def _innovation(filter: FilterMemory, channel: int, delta: float, nu: Vector) ->
 
 
 def _noise(filter: FilterMemory, channel: int, delta: float) -> float:
-    """Return the variance of the noise of each entry of a reading."""
+    """Return the variance of the noise of each entry of a reading, with what joints add to it."""
     sigma = filter.sigma[channel] * (
         filter.predicted.h[1] if channel == ChannelIndex.ALTIMETER_RANGE else 1.0
     )
@@ -516,7 +527,10 @@ def _noise(filter: FilterMemory, channel: int, delta: float) -> float:
     if channel == ChannelIndex.SPECIFIC_FORCE:
         walk = filter.drive[filtering.ProcessNoise.JERK] * filter.drive[filtering.ProcessNoise.JERK]
     return (
-        sigma * sigma + delta * delta * max(filter.predicted.rate_variance, 0.0) + abs(delta) * walk
+        sigma * sigma
+        + delta * delta * max(filter.predicted.rate_variance, 0.0)
+        + abs(delta) * walk
+        + filter.joint_variance[channel]
     )
 
 
@@ -537,7 +551,7 @@ def _is_consistent(filter: FilterMemory, channel: int, more: float, nu: Vector) 
     """
     change = zeros(3)
     refused = filter.refused[channel]
-    rows = rows_of(channel)
+    rows = filter.rows[channel]
     for i in range(rows):
         change[i] = nu[i] - refused[i]
     agrees = (
@@ -569,7 +583,7 @@ def _relax(filter: FilterMemory, channel: int, squared: float) -> None:
     # acceleration.
     time = filter.recovery[channel]
     speed = min(tuning.EXPOSED * tuning.EXPOSED, tuning.GATE_RELAXATION * squared / (time * time))
-    for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
+    for i in range(_corrected_by(channel), _corrected_by(channel) + filter.rows[channel]):
         filter.P[i + 3][i + 3] += speed
         filter.P[i + 6][i + 6] += speed / (time * time)
 
@@ -582,7 +596,7 @@ def _inflate_surprised(filter: FilterMemory, channel: int, squared: float, nu: V
     readings: fixes are too rough to find it again soon. Nor is it where these have surprised of
     late: what fixes contradict then is a velocity that was none.
     """
-    if filtering.orders_of(channel) > 1:
+    if filter.orders[channel] > 1:
         time = time_since_accepted(filter, channel)
     else:
         time = 1.0
@@ -592,6 +606,8 @@ def _inflate_surprised(filter: FilterMemory, channel: int, squared: float, nu: V
         bias = int(Part.DVL_BIAS)
     if channel == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
+    if channel >= N_CHANNELS:
+        return  # what it reads, others tell too
     unseen = _unseen_turning_time(filter, channel)
     is_pushed = _is_pushed(filter, channel, squared, nu)
     growth = 0.0
@@ -608,7 +624,7 @@ def _inflate_surprised(filter: FilterMemory, channel: int, squared: float, nu: V
             filter.P[i][i] += squared / (begun * begun)
     elif _is_place(channel) and filter.stamp[channel] - filter.shaken <= _SHAKEN:
         if growth == 0.0:  # otherwise the velocity is in what the channel alone puts right
-            for i in range(_corrected_by(channel), _corrected_by(channel) + rows_of(channel)):
+            for i in range(_corrected_by(channel), _corrected_by(channel) + filter.rows[channel]):
                 filter.P[i + 3][i + 3] += squared / (time * time)
     elif channel <= ChannelIndex.DEPTH and not is_pushed:
         for i in range(bias, bias + 3):
@@ -625,7 +641,7 @@ def _is_pushed(filter: FilterMemory, channel: int, squared: float, nu: Vector) -
     gyro = int(ChannelIndex.ANGULAR_VELOCITY)
     if filter.lag[gyro] > 0.0:
         return False
-    moved = 2.0 * _moved(channel, filter.push[channel], filtering.pushed_time(filter.dt))
+    moved = 2.0 * _moved(filter, channel, filter.push[channel], filtering.pushed_time(filter.dt))
     in_one_tick = filter.stamp[channel] - filter.used[channel] <= 1.5 * filter.dt + EARLY
     if not (in_one_tick and channel <= gyro and 0.0 < squared <= moved * moved):
         return False
@@ -651,7 +667,7 @@ def _inflate_own(
     rate [1/s]: by which it has grown, where nothing but the channel tells of the velocity. tick [s]: in
     which an angular acceleration has made it, 0 for none.
     """
-    rows = rows_of(channel)
+    rows = filter.rows[channel]
     n = vehicle.active(filter)
     first = _corrected_by(channel)
     R = zeros(9)
@@ -698,7 +714,7 @@ def _correct(filter: FilterMemory, channel: int, nu: Vector, noise: float) -> No
     not tell where the vehicle is.
     """
     predicted = filter.predicted
-    rows = rows_of(channel)
+    rows = filter.rows[channel]
     n = vehicle.active(filter)
     dx = filter.change
     u = predicted.HP[0]
@@ -713,6 +729,13 @@ def _correct(filter: FilterMemory, channel: int, nu: Vector, noise: float) -> No
             dx[j] = u[j] * nu[0]
         _lose_one(filter, u, n, channel == ChannelIndex.ALTIMETER_RANGE)
     else:
+        if rows == 2:  # the third number is one that tells nothing
+            nu[2] = 0.0
+            for j in range(n):
+                w[j] = 0.0
+            predicted.L[2][0] = 0.0
+            predicted.L[2][1] = 0.0
+            predicted.L[2][2] = 1.0
         for j in range(n):
             v[j] = (v[j] - predicted.L[1][0] * u[j]) / predicted.L[1][1]
             w[j] = (w[j] - predicted.L[2][0] * u[j] - predicted.L[2][1] * v[j]) / predicted.L[2][2]
@@ -767,7 +790,7 @@ def _apply(filter: FilterMemory, dx: Vector) -> None:
             if channel == ChannelIndex.ATTITUDE:
                 vehicle.turn_by(h, change)
             else:
-                for i in range(rows_of(channel)):
+                for i in range(filter.rows[channel]):
                     h[i] += change[i]
 
 
@@ -776,7 +799,7 @@ def _clone(filter: FilterMemory, channel: int) -> None:
     predicted = filter.predicted
     slot = free_slot(filter.owner, SLOTS)
     before = vehicle.active(filter)
-    rows = rows_of(channel)
+    rows = filter.rows[channel]
     if slot < 0 or _is_blind(filter, channel) or _is_uninitialised(filter, channel):
         return
     at = MAIN + 3 * slot

@@ -42,7 +42,7 @@ class EstimatorTuning:
 
 # Gates: which readings are believed.
 
-GATES = {1: 25.0, 3: 31.8125}
+GATES = {1: 25.0, 2: 28.75, 3: 31.8125}
 """Largest squared innovation that is accepted, by the number of rows: chi-squared that 6e-7 exceed,
 five standard deviations of one number.
 """
@@ -56,13 +56,10 @@ ECHO_RECOVERY = 0.25
 """[s] for which echoes must agree that the floor has gone down."""
 LARGEST = 1e9
 """[unit of the channel] no sensor reads more: a larger number is none."""
-JOLTS = (30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0)
-"""(9,) [m/s2, rad/s2] unplanned acceleration that gates of each channel allow: light vehicles turn
-so fast, and light joints fall so fast under a load. Gates that allow more find nothing. Linear
-motion is slow and seen rarely; positions of joints tell their velocities as soon.
-"""
 JOLT_TIME = 0.015
-"""[s] longest time for which gates allow it: what lasts longer shows in other readings."""
+"""[s] longest time for which gates allow an unplanned acceleration, `Channel.jolt`: what lasts longer
+shows in other readings.
+"""
 SLOW_TICK = 0.02
 """[s] longest tick of a loop in which other readings show in time what weight and one thruster do."""
 FULL_TICK = 0.03

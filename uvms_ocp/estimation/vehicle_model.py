@@ -18,6 +18,7 @@ from uvms_ocp.estimation.filter_memory import (
     PredictedMeasurement,
     ProcessNoise,
 )
+from uvms_ocp.robot.channels import LARGEST_OWN
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.shapes.gjk import rotated
 
@@ -406,7 +407,7 @@ def inflate_velocity_variance(filter: FilterMemory, rests: bool) -> None:
 def predict_measurement(filter: FilterMemory, channel: int, n: int) -> None:
     """Predict the measurement of a channel now, with its covariances with the first n errors."""
     predicted = filter.predicted
-    rows = filtering.rows_of(channel)
+    rows = filter.rows[channel]
     _model(filter, predicted, channel)
     for i in range(rows):
         for j in range(n):
@@ -450,6 +451,8 @@ def _model(filter: FilterMemory, predicted: PredictedMeasurement, channel: int) 
         predicted.rate_variance = filter.P[Part.SPEED + 2][Part.SPEED + 2]
     elif channel == ChannelIndex.ALTIMETER_RANGE:
         _see_floor(filter, predicted)
+    elif channel >= filtering.N_CHANNELS:
+        _see_by_own_function(filter, predicted, channel)
     else:
         _see_in_body(filter, predicted, channel == ChannelIndex.SPECIFIC_FORCE)
 
@@ -529,6 +532,65 @@ def _see_floor(filter: FilterMemory, predicted: PredictedMeasurement) -> None:
     predicted.rate_variance = filter.P[Part.SPEED + 2][Part.SPEED + 2]
 
 
+def _see_by_own_function(
+    filter: FilterMemory, predicted: PredictedMeasurement, channel: int
+) -> None:
+    """Predict the measurement of a channel of a user's own, the variance that joints add to it, and
+    how fast it can come to change.
+    """
+    first = LARGEST_OWN * (channel - filtering.N_CHANNELS)
+    linear = filter.agility[ChannelIndex.POSITION]
+    angular = filter.agility[ChannelIndex.ATTITUDE]
+    of_joints = filter.agility[ChannelIndex.JOINT_POSITIONS]
+    for j in range(filter.n_joints):
+        filter.joint_state[j] = filter.joint_x[j][0]
+        filter.joint_state[filter.n_joints + j] = filter.joint_x[j][1]
+    filter.measure(
+        filter.turn,
+        filter.x,
+        filter.joint_state,
+        filter.own_h,
+        filter.own_H,
+        filter.own_rate,
+        filter.own_joint_H,
+    )
+    predicted.rate_variance = 0.0
+    filter.joint_variance[channel] = 0.0
+    filter.agility[channel] = 0.0
+    is_place = filter.orders[channel] > 1
+    for i in range(filter.rows[channel]):
+        row = first + i
+        H = predicted.H[i]
+        rate_variance = 0.0
+        joint_variance = 0.0
+        agility = 0.0
+        predicted.h[i] = filter.own_h[row]
+        predicted.rate[i] = filter.own_rate[row]
+        for k in range(MAIN):
+            H[k] = filter.own_H[MAIN * row + k]
+        for k in range(3):
+            turn = H[Part.TURN + k] * H[Part.TURN + k]
+            place = H[Part.PLACE + k] * H[Part.PLACE + k]
+            speed = H[Part.SPEED + k] * H[Part.SPEED + k]
+            spin = H[Part.SPIN + k] * H[Part.SPIN + k]
+            rate_variance += turn * filter.P[Part.SPIN + k][Part.SPIN + k]
+            rate_variance += place * filter.P[Part.SPEED + k][Part.SPEED + k]
+            rate_variance += speed * filter.P[Part.ACCELERATION + k][Part.ACCELERATION + k]
+            rate_variance += spin * filter.P[Part.SPIN_UP + k][Part.SPIN_UP + k]
+            if is_place:
+                agility += place * linear * linear + turn * angular * angular
+            else:
+                agility += speed * linear * linear + spin * angular * angular
+        for j in range(filter.n_joints):
+            by_joint = filter.own_joint_H[filter.n_joints * row + j]
+            joint_variance += by_joint * by_joint * filter.joint_P[j][0][0]
+            rate_variance += by_joint * by_joint * filter.joint_P[j][1][1]
+            agility += by_joint * by_joint * of_joints * of_joints
+        predicted.rate_variance = max(predicted.rate_variance, rate_variance)
+        filter.joint_variance[channel] = max(filter.joint_variance[channel], joint_variance)
+        filter.agility[channel] = max(filter.agility[channel], math.sqrt(agility))
+
+
 def recall_measurement(filter: FilterMemory, channel: int, slot: int, n: int) -> None:
     """Predict the measurement of a channel at the time of a clone, -1 for now."""
     if slot < 0:
@@ -539,12 +601,12 @@ def recall_measurement(filter: FilterMemory, channel: int, slot: int, n: int) ->
     predicted.h[:] = filter.h[slot]
     predicted.rate[:] = filter.rate[slot]
     predicted.rate_variance = filter.rate_variance[slot]
-    for i in range(filtering.rows_of(channel)):
+    for i in range(filter.rows[channel]):
         for j in range(at + i):
             predicted.HP[i][j] = filter.P[j][at + i]
         for j in range(at + i, n):
             predicted.HP[i][j] = filter.P[at + i][j]
-        for j in range(filtering.rows_of(channel)):
+        for j in range(filter.rows[channel]):
             predicted.S[i][j] = filter.P[min(at + i, at + j)][max(at + i, at + j)]
 
 
@@ -575,7 +637,7 @@ def second_derivative(filter: FilterMemory, channel: int, i: int) -> float:
     """Return entry i of the second derivative of the part of the state that a channel sets."""
     if channel == ChannelIndex.ATTITUDE:
         return filter.x[Part.SPIN_UP + i]
-    return filter.x[Part.ACCELERATION + (i if filtering.rows_of(channel) == 3 else 2)]
+    return filter.x[Part.ACCELERATION + (i if filter.rows[channel] == 3 else 2)]
 
 
 def process_variance(filter: FilterMemory, channel: int, age: float) -> float:

@@ -15,7 +15,6 @@ from uvms_ocp.control import DynamicController, KinematicController, build_level
 from uvms_ocp.control.force.tick_functions import column_sizes
 from uvms_ocp.control.velocity import position_guards, tick
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.export import tick as exported_tick
 from uvms_ocp.export.c_controller import (
     CController,
@@ -39,6 +38,7 @@ from uvms_ocp.export.c_files import (
 )
 from uvms_ocp.export.names import export_name
 from uvms_ocp.record.output import claim_folder
+from uvms_ocp.robot.channels import CHANNELS
 from uvms_ocp.robot.shapes.gjk import ROUNDS
 from uvms_ocp.scenario.part_factories import our_controller
 from uvms_ocp.scenario.scenario import Scenario

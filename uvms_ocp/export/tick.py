@@ -16,8 +16,8 @@ from uvms_ocp.control.velocity.tick import (
     solve_and_finish,
 )
 from uvms_ocp.control.velocity.tick_memory import TickMemory
-from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.mission.progress import is_over
+from uvms_ocp.robot.channels import CHANNELS
 from uvms_ocp.robot.signals import Command, StateEstimate, Trust, unchecked_command
 
 _PLACE = {name: place for place, name in enumerate(CHANNELS)}

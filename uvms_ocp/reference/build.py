@@ -25,6 +25,7 @@ ORDER = (
 """Pages of theory in their order: each builds on those before."""
 GUIDE = (
     *("commands_by_example", "your_robot", "your_parts", "python", "your_task"),
+    "your_channel",
     *("campaigns", "your_variation", "mission_plans", "plans_by_optimal_control"),
     *("nmpc_in_your_loop", "faults", "recordings", "limitations"),
 )

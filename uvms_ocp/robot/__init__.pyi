@@ -1,4 +1,5 @@
 from .assembly import mount as mount, without_arm as without_arm
+from .channels import Channel as Channel, SensorSpec as SensorSpec
 from .dynamics import robot_dynamics as robot_dynamics
 from .hydrodynamics import Water as Water
 from .kinematics import Kinematics as Kinematics
@@ -15,7 +16,6 @@ from .signals import (
     Command as Command,
     Reading as Reading,
     Readings as Readings,
-    SensorSpec as SensorSpec,
     SensorSpecs as SensorSpecs,
     State as State,
     StateEstimate as StateEstimate,

@@ -8,17 +8,24 @@ Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see
 from __future__ import annotations
 
 import enum
-import math
-from collections.abc import Mapping
-from dataclasses import field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
+from operator import attrgetter
 from typing import Annotated, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.channels import (
+    CHANNEL_OF,
+    CHANNELS as CHANNELS,
+    UNITS as UNITS,
+    Channel,
+    SensorSpec as SensorSpec,
+    require_own,
+)
 from uvms_ocp.robot.description import RobotDescription, SensorDescription
-from uvms_ocp.types import Finite, Magnitude, Range, Shape, Vector3
+from uvms_ocp.types import Shape, Vector3
 
 Value = TypeVar("Value", float, np.ndarray)
 _Configuration: TypeAlias = Annotated[np.ndarray, Shape("n_q")]
@@ -28,19 +35,6 @@ _JointPositions: TypeAlias = Annotated[np.ndarray, Shape("n_joint_q")]
 _JointVelocities: TypeAlias = Annotated[np.ndarray, Shape("n_joints")]
 
 SAME_TIME = 1e-6  # [s] rounding of times since 1970
-
-UNITS: Mapping[str, str] = {
-    "position": "m",
-    "depth": "m",
-    "attitude": "rad",
-    "angular_velocity": "rad/s",
-    "linear_velocity": "m/s",
-    "joint_positions": "rad or m",
-    "joint_velocities": "rad/s or m/s",
-    "altimeter_range": "m",
-    "specific_force": "m/s2",
-}
-"""Units of the values of each channel."""
 
 
 class Trust(enum.IntEnum):
@@ -114,6 +108,8 @@ class Readings:
     """Distance [m] along -z of the altimeter frame; nan without an echo."""
     specific_force: Reading[Vector3] | None = None
     """Acceleration of the origin of B less gravity (3,) [m/s2] in B."""
+    own: Mapping[str, Reading[Any]] = field(default_factory=dict)
+    """Readings of a user's own channels, by name."""
 
 
 @checked_dataclass(eq=False)
@@ -171,77 +167,99 @@ unchecked_estimate = unchecked_constructor(StateEstimate)
 unchecked_command = unchecked_constructor(Command)
 """Constructors that neither check their arguments nor copy arrays, for values made at every tick."""
 
+_of_toolkit = attrgetter(*CHANNELS)
 
-@checked_dataclass()
-class SensorSpec:
-    """Rate, noise and delay of one channel, for the simulated sensors and the estimator alike.
-    Raises `InvalidInput` for a value outside its range.
+
+def readings_by_channel(readings: Readings, own: Sequence[str]) -> tuple[Reading[Any] | None, ...]:
+    """Return the readings of all channels in their order, of which `own` are a user's, which come
+    last; `None` for none.
     """
+    if not own:
+        toolkit: tuple[Reading[Any] | None, ...] = _of_toolkit(readings)
+        return toolkit
+    return (*_of_toolkit(readings), *map(readings.own.get, own))
 
-    rate: float = math.inf
-    """Readings per second [Hz]; inf is once per tick."""
-    sigma: Magnitude = 0.0
-    """Standard deviation [unit of the channel] of the noise of every component."""
-    bias: Finite | tuple[Finite, ...] = 0.0
-    """Constant error [unit of the channel], of all components or of each."""
-    delay: Magnitude = 0.0
-    """Time [s] between taking a reading and delivering it."""
-    dropout: Annotated[float, Range(0.0, 1.0)] = 0.0
-    """Probability that a reading is lost."""
 
-    def __post_init__(self) -> None:
-        if not self.rate > 0:
-            raise InvalidInput(
-                f"sensor rate = {self.rate} Hz; give a number > 0, or inf for once per tick"
-            )
-
-    @property
-    def biases(self) -> tuple[float, ...]:
-        """`bias` as one value for all components, or one per component."""
-        if isinstance(self.bias, tuple):
-            return self.bias
-        return (self.bias,)
-
-    @property
-    def exact(self) -> bool:
-        """True where readings equal the truth."""
-        return self.sigma == 0.0 and not any(self.biases)
+def readings_of(by_channel: Mapping[str, Reading[Any] | None]) -> Readings:
+    """Return readings that are given by channel, the toolkit's or a user's own, unchecked."""
+    toolkit = dict[str, Any]()
+    own = dict[str, Reading[Any]]()
+    for name, reading in by_channel.items():
+        if name in CHANNEL_OF:
+            toolkit[name] = reading
+        elif reading is not None:
+            own[name] = reading
+    return unchecked_readings(**toolkit, own=own)
 
 
 @checked_dataclass()
 class SensorSpecs:
-    """All channels of `Readings`; `None` where the robot has no such sensor. The noise of the
-    defaults is assumed.
+    """Sensors of a robot by the channels of `Readings`; `None` where the robot has no such sensor.
+    The noise of the defaults is assumed.
+
+    Raises `InvalidInput` for channels of one's own without a measurement function, and for names
+    that there are already.
     """
 
-    position: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.02)
+    position: SensorSpec | None = CHANNEL_OF["position"].sensor
     """Position p_WB [m] in W."""
-    depth: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)
+    depth: SensorSpec | None = CHANNEL_OF["depth"].sensor
     """Height z of p_WB [m]."""
-    attitude: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.001)
+    attitude: SensorSpec | None = CHANNEL_OF["attitude"].sensor
     """Attitude in W, whose error is a rotation vector [rad] in B."""
-    angular_velocity: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.002)
+    angular_velocity: SensorSpec | None = CHANNEL_OF["angular_velocity"].sensor
     """Angular velocity [rad/s] in B, of a gyroscope."""
-    linear_velocity: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.002)
+    linear_velocity: SensorSpec | None = CHANNEL_OF["linear_velocity"].sensor
     """Velocity [m/s] over ground in B, of a DVL."""
-    joint_positions: SensorSpec | None = SensorSpec(rate=200.0, sigma=1e-4)
+    joint_positions: SensorSpec | None = CHANNEL_OF["joint_positions"].sensor
     """Positions of the joints [rad or m], of encoders."""
-    joint_velocities: SensorSpec | None = None
+    joint_velocities: SensorSpec | None = CHANNEL_OF["joint_velocities"].sensor
     """Velocities of the joints [rad/s or m/s]."""
-    altimeter_range: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)
+    altimeter_range: SensorSpec | None = CHANNEL_OF["altimeter_range"].sensor
     """Range of the altimeter [m]."""
-    specific_force: SensorSpec | None = None
+    specific_force: SensorSpec | None = CHANNEL_OF["specific_force"].sensor
     """[m/s2] of an accelerometer at the origin of B; `ACCELEROMETER` is a usual one."""
+    own: tuple[Channel, ...] = ()
+    """Channels of a user's own, which the filter fuses by their measurement functions."""
+
+    def __post_init__(self) -> None:
+        require_own(self.own)
+
+    @property
+    def present(self) -> dict[str, SensorSpec]:
+        """Sensors that there are, by channel: the toolkit's in the order of `Readings`, then a
+        user's own.
+        """
+        sensors = dict[str, SensorSpec]()
+        for name in CHANNELS:
+            sensor = getattr(self, name)
+            if sensor is not None:
+                sensors[name] = sensor
+        for channel in self.own:
+            assert channel.sensor is not None
+            sensors[channel.name] = channel.sensor
+        return sensors
 
 
-CHANNELS = tuple(field.name for field in fields(SensorSpecs))
-"""Names of the channels, the fields of `SensorSpecs` and of `Readings`."""
+def with_sensors(specs: SensorSpecs, sensors: Mapping[str, SensorSpec | None]) -> SensorSpecs:
+    """Return specifications with other sensors of some channels; `None` for none."""
+    own = list[Channel]()
+    for channel in specs.own:
+        sensor = sensors.get(channel.name, channel.sensor)
+        if sensor is not None:
+            own.append(replace(channel, sensor=sensor))
+    toolkit = dict[str, Any]()
+    for name in CHANNELS:
+        if name in sensors:
+            toolkit[name] = sensors[name]
+    return replace(specs, **toolkit, own=tuple(own))
 
 
 ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)
 """Usual specification for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""
 
-IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()) | {"specific_force": None})
+_IDEAL: dict[str, Any] = dict.fromkeys(CHANNELS, SensorSpec())
+IDEAL_SENSORS = SensorSpecs(**{**_IDEAL, "specific_force": None})
 """Every channel of the state itself, once per tick, without error or delay; no accelerometer, as the
 filter has no use for it then.
 """
@@ -250,11 +268,11 @@ filter has no use for it then.
 @checked
 def robot_sensors(description: RobotDescription) -> SensorSpecs:
     """Return the channels of a robot: the defaults of `SensorSpecs`, changed as its file says."""
-    channels = {
-        name: _channel(getattr(SensorSpecs(), name), channel_description)
-        for name, channel_description in description.sensors.items()
-    }
-    return replace(SensorSpecs(), **channels)
+    usual = SensorSpecs()
+    sensors = dict[str, SensorSpec | None]()
+    for name, channel_description in description.sensors.items():
+        sensors[name] = _channel(getattr(usual, name), channel_description)
+    return with_sensors(usual, sensors)
 
 
 def _channel(

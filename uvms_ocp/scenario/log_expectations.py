@@ -19,7 +19,7 @@ from uvms_ocp.estimation import EstimatorTuning
 from uvms_ocp.identification.measured_noise import measured_noise
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.robot import Robot, SensorSpecs
-from uvms_ocp.robot.signals import CHANNELS
+from uvms_ocp.robot.signals import with_sensors
 from uvms_ocp.scenario.recorded_filter import RecordedFilter
 from uvms_ocp.scenario.recorded_readings import readings_of_log
 
@@ -54,7 +54,7 @@ def expectations_of_log(
     """
     measured = {}
     for name, channel in recording.channels.items():
-        spec = getattr(specs, name, None)
+        spec = specs.present.get(name)
         if spec is None:
             continue
         usual_interval = float(np.median(np.diff(channel.t)))  # [s]
@@ -63,8 +63,9 @@ def expectations_of_log(
         if noise is not None:
             spec = replace(spec, sigma=max(noise, _SMALLEST_NOISE))
         measured[name] = spec
-    absent = {name: None for name in CHANNELS if name not in measured}
-    expected = LogExpectations(specs=replace(specs, **measured, **absent), tuning=EstimatorTuning())
+    absent = dict.fromkeys(name for name in specs.present if name not in measured)
+    expected_specs = with_sensors(specs, {**measured, **absent})
+    expected = LogExpectations(specs=expected_specs, tuning=EstimatorTuning())
     part = _part(recording)
     for _ in range(_PASSES):
         ratios = _ratios(part, robot, expected, dt)
@@ -125,6 +126,6 @@ def _corrected(expected: LogExpectations, ratios: Mapping[str, float]) -> LogExp
     if not worst or ratios[worst] <= _LARGE:
         return None
     factor = min(ratios[worst] ** _HASTE, _MOST_CHANGED)
-    spec = getattr(expected.specs, worst)
+    spec = expected.specs.present[worst]
     raised = replace(spec, sigma=factor * spec.sigma)
-    return replace(expected, specs=replace(expected.specs, **{worst: raised}))
+    return replace(expected, specs=with_sensors(expected.specs, {worst: raised}))

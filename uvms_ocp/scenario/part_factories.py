@@ -99,7 +99,9 @@ class EstimatorFactory(PartFactory):
             allowed = "make a callable (Readings, t, command) -> StateEstimate"
             raise InvalidInput(f"estimator made {type(estimator).__name__}; {allowed}")
         monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
-        watched = watched_estimator.watched_estimator(estimator, robot, part_name(self.maker))
+        watched = watched_estimator.watched_estimator(
+            estimator, robot, part_name(self.maker), len(monitor.numbers)
+        )
         return GuardedEstimator(watched, robot, specs, monitor)
 
 

@@ -7,7 +7,6 @@ For a run with the sensors of the robot's file, the estimate equals that of the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.report.summary import sensor_health
 from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
-from uvms_ocp.robot.signals import CHANNELS, robot_sensors
+from uvms_ocp.robot.signals import robot_sensors, with_sensors
 from uvms_ocp.scenario.log_expectations import expectations_of_log
 from uvms_ocp.scenario.recorded_filter import RecordedFilter
 from uvms_ocp.scenario.recorded_readings import (
@@ -99,9 +98,10 @@ def estimate_recording(
     else:
         run = recording
         title = f"estimate of {run.meta.scenario}"
-        arrivals, n_ticks, dt = readings_of_run(run, robot)
-    expected = replace(expected, **{name: None for name in CHANNELS if name not in arrivals})
-    arrivals |= faulty_readings(arrivals, robot, faults, dt)
+        arrivals, n_ticks, dt = readings_of_run(run, robot, expected.own)
+    absent = [name for name in expected.present if name not in arrivals]
+    expected = with_sensors(expected, dict.fromkeys(absent))
+    arrivals |= faulty_readings(arrivals, robot, faults, dt, expected.own)
     filtering = RecordedFilter(robot, expected, arrivals, tuning)
     recorder = Recorder(folder=None if folder is None else Path(folder))
     for tick in range(n_ticks):

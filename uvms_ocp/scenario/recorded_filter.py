@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uvms_ocp.estimation import EstimatorTuning, estimator, filter_memory
+from uvms_ocp.estimation import EstimatorTuning, estimator
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
 from uvms_ocp.scenario.recorded_readings import Arrivals, ReceivedReadings
@@ -41,7 +41,7 @@ class RecordedFilter:
         """specs: the noise to expect of the channels that arrive. tuning: how the vehicle is expected
         to move.
         """
-        self._specs = specs
+        self._sensors = specs.present
         self._filter = estimator.Estimator(robot, specs, tuning)
         self._guarded = GuardedEstimator(self._filter, robot, specs)
         self.monitor = self._guarded.monitor
@@ -49,7 +49,7 @@ class RecordedFilter:
         self.channels = self.monitor.channels
         """Names of the channels, in the order of the columns of `FilteredTick`."""
         self._received = ReceivedReadings(arrivals, self.channels)
-        self._rows = [int(filter_memory.NUMBER[name]) for name in self.channels]
+        self._rows = [self.monitor.numbers[name] for name in self.channels]
         self._compared_times = np.full(len(self.channels), -math.inf)  # [s] of the last readings
         self._degrees = np.ones(len(self.channels))
 
@@ -72,7 +72,7 @@ class RecordedFilter:
         """
         rows = []
         for k, name in enumerate(self.channels):
-            sigma = getattr(self._specs, name).sigma
+            sigma = self._sensors[name].sigma
             agreement = _agreement(innovations[:, k], refused[:, k], self._degrees[k], sigma)
             rows.append({"channel": name, **self._received.statistics(name), **agreement})
         return tuple(rows)

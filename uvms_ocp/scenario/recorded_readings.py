@@ -14,16 +14,15 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.health.channel_setup import sizes_of
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.robot import Robot, SensorSpecs
+from uvms_ocp.robot.channels import CHANNEL_OF, Channel, rows_by_name, shape_of
 from uvms_ocp.robot.signals import (
-    CHANNELS,
     Reading,
     Readings,
+    readings_of,
     unchecked_reading,
-    unchecked_readings,
 )
 from uvms_ocp.sim import Fault, fault_effects, sensors
 
@@ -51,7 +50,7 @@ class ReceivedReadings:
             self._counts[name] += 1
             self._delays[name] = self._delays[name] + t - stamp
             self._next = next(self._stream, None)
-        return unchecked_readings(**self._newest)
+        return readings_of(self._newest)
 
     def statistics(self, channel: str) -> dict[str, Any]:
         """Return how many readings of a channel arrived, and by how much late [s] on average."""
@@ -60,8 +59,12 @@ class ReceivedReadings:
         return {"readings": n_readings, "delay_s": round(mean_delay, _DIGITS)}
 
 
-def readings_of_run(record: Record, robot: Robot) -> tuple[dict[str, Arrivals], int, float]:
-    """Return the readings of a run by channel, how many ticks it has, and its period [s]."""
+def readings_of_run(
+    record: Record, robot: Robot, own: Sequence[Channel] = ()
+) -> tuple[dict[str, Arrivals], int, float]:
+    """Return the readings of a run by channel, the toolkit's and a user's own, how many ticks it has,
+    and its period [s].
+    """
     meta = require_every_tick(record)
     if "brakes" not in record.series:
         raise InvalidInput(
@@ -69,12 +72,12 @@ def readings_of_run(record: Record, robot: Robot) -> tuple[dict[str, Arrivals], 
             " tick"
         )
     arrivals = {}
-    for name in CHANNELS:
+    for name, row in rows_by_name(own).items():
         if f"measured_{name}" not in record.series:
             continue
         series = record[f"measured_{name}"]
         ticks = np.flatnonzero(np.isfinite(series[:, -1]))
-        arrivals[name] = _arriving(name, ticks, series[ticks, :-1], series[ticks, -1], robot)
+        arrivals[name] = _arriving(row, ticks, series[ticks, :-1], series[ticks, -1], robot)
     return arrivals, len(record), meta.dt
 
 
@@ -91,7 +94,7 @@ def readings_of_log(
         )
     channels = {}
     for name, channel in recording.channels.items():
-        if getattr(specs, name, None) is not None:
+        if name in CHANNEL_OF and getattr(specs, name) is not None:
             channels[name] = channel
     if not {"attitude", "joint_positions"} & channels.keys():
         raise InvalidInput(
@@ -109,15 +112,19 @@ def readings_of_log(
             values = channel.of(robot.joint_names, name).values
         else:
             values = channel.values
-        arrivals[name] = _arriving(name, ticks, values, stamps, robot)
+        arrivals[name] = _arriving(CHANNEL_OF[name], ticks, values, stamps, robot)
         n_ticks = max(n_ticks, int(ticks[-1]) + 1)
     return arrivals, n_ticks, dt
 
 
 def faulty_readings(
-    arrivals: Mapping[str, Arrivals], robot: Robot, faults: Sequence[Fault], dt: float
+    arrivals: Mapping[str, Arrivals],
+    robot: Robot,
+    faults: Sequence[Fault],
+    dt: float,
+    own: Sequence[Channel] = (),
 ) -> dict[str, Arrivals]:
-    """Return the readings of those channels that faults change.
+    """Return the readings of those channels that faults change. own: a user's own channels.
 
     Raises `InvalidInput` for faults of anything but sensors.
     """
@@ -126,7 +133,7 @@ def faulty_readings(
         raise InvalidInput(
             f"faults {', '.join(other_faults)} of a recording; give those of sensors"
         )
-    sources = sensors.sources_of(robot, has_altimeter="altimeter_range" in arrivals)
+    sources = sensors.sources_of(robot, has_altimeter="altimeter_range" in arrivals, own=own)
     channel_sources = {name: sources[name] for name in arrivals}
     faulty = {}
     for name, effects in sensors.faults_of_channels(robot, faults, channel_sources).items():
@@ -135,18 +142,18 @@ def faulty_readings(
 
 
 def _arriving(
-    name: str, ticks: np.ndarray, values: np.ndarray, stamps: np.ndarray, robot: Robot
+    row: Channel, ticks: np.ndarray, values: np.ndarray, stamps: np.ndarray, robot: Robot
 ) -> Arrivals:
     """Yield the readings of a channel: values (n, k) [unit of the channel] that arrive at ticks (n,)
     and were taken at stamps (n,) [s].
     """
-    shape = sizes_of(robot)[name]
+    shape = shape_of(row, robot)
     if values.shape[1] != math.prod(shape):
         raise InvalidInput(
-            f"{name} of {values.shape[1]} numbers; {robot.name} has {math.prod(shape)}: give the"
+            f"{row.name} of {values.shape[1]} numbers; {robot.name} has {math.prod(shape)}: give the"
             " robot recorded"
         )
-    return zip(ticks, repeat(name), values if shape else values[:, 0], stamps, strict=False)
+    return zip(ticks, repeat(row.name), values if shape else values[:, 0], stamps, strict=False)
 
 
 def _with_faults(arrivals: Arrivals, faults: fault_effects.ChannelFaults, dt: float) -> Arrivals:

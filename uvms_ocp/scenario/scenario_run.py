@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Literal
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import plain_line
 from uvms_ocp.estimation.estimator import PassThrough
-from uvms_ocp.estimation.health.channel_setup import sizes_of
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission import MissionState
@@ -25,6 +24,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot import IDEAL_SENSORS, State, StateEstimate
+from uvms_ocp.robot.channels import shapes_of
 from uvms_ocp.scenario.part_factories import MissionController
 from uvms_ocp.scenario.run_metadata import RunOutcome, computed_or, energy_used, run_meta
 from uvms_ocp.sim import Plant, SensorSuite, injected_faults
@@ -137,7 +137,7 @@ class ScenarioRun:
         estimator = self._parts.estimator
         if isinstance(estimator.estimator, PassThrough):
             return {}
-        shapes = sizes_of(self._scenario.robot)
+        shapes = shapes_of(self._scenario.robot, self._scenario.specs.own)
         channels = estimator.monitor.channels
         return {name: math.prod(shapes[name]) for name in channels if name in shapes}
 

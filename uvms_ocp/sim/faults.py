@@ -15,7 +15,7 @@ import tomllib
 
 from uvms_ocp.checks import checked, checked_constructor, checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, require_known, short
-from uvms_ocp.robot.signals import CHANNELS
+from uvms_ocp.robot.channels import CHANNELS
 from uvms_ocp.types import DAY, Bound
 
 _LARGEST = 1e6
@@ -134,7 +134,7 @@ class FaultTarget:
     family: str
     """Key of `FAMILIES`."""
     channel: str = ""
-    """One of `CHANNELS`, for sensors and encoders."""
+    """One of `CHANNELS` or a user's own, for sensors and encoders."""
     number: int = 0
     """Number of a thruster, joint or tool, from 1; 0 of what has none, and of the first tool where
     none is given.
@@ -144,13 +144,16 @@ class FaultTarget:
 @lru_cache(maxsize=1024)
 def target_of(name: str) -> FaultTarget:
     """Return the target of that name, such as ``altimeter``, ``joint3_position``, ``joint2``, ``current``
-    or ``payload2``.
+    or ``payload2``; ``own_NAME`` is a user's own channel NAME.
 
     Raises `NameNotFound` for any other.
     """
     name = _SHORT_NAMES.get(name, name)
     if name in CHANNELS:
         return FaultTarget(name=name, family="sensor", channel=name)
+    own = re.fullmatch(r"own_(\w+)", name, re.ASCII)
+    if own is not None:
+        return FaultTarget(name=name, family="sensor", channel=own[1])
     if name in ("current", "payload"):
         return FaultTarget(name=name, family=name)
     numbered = re.fullmatch(
@@ -175,7 +178,7 @@ def fault_targets(like: str = "") -> tuple[str, ...]:
         f"joint{k}_velocity",
         f"payload{k}",
     )
-    return (*CHANNELS, *_SHORT_NAMES, *numbered, "current", "payload")
+    return (*CHANNELS, *_SHORT_NAMES, *numbered, "current", "payload", "own_NAME")
 
 
 def kind_of(target: FaultTarget, name: str) -> FaultModel:
@@ -195,7 +198,7 @@ class Fault:
 
     target: str
     """A channel such as ``altimeter``, or ``joint3_position``, ``thruster3``, ``joint2``,
-    ``current``, ``payload2``.
+    ``current``, ``payload2``; ``own_NAME`` for a user's own channel NAME.
     """
     kind: str
     """Kind of fault of that target, such as ``frozen``."""

@@ -16,9 +16,11 @@ from uvms_ocp.checks import checked, replace_unchecked
 from uvms_ocp.codegen.kernel_layout import number_in_memory
 from uvms_ocp.codegen.sequence import DIVERGED, LOOK, Elapsed, Source, StepSequence
 from uvms_ocp.errors import InvalidInput, require_known
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt
 from uvms_ocp.record.recorder import Recorder
-from uvms_ocp.robot.signals import CHANNELS, Command, Readings, State, StateEstimate
+from uvms_ocp.robot.channels import CHANNELS
+from uvms_ocp.robot.signals import Command, Readings, State, StateEstimate
 from uvms_ocp.sim.loop_kernels import is_divergent
 from uvms_ocp.sim.plant import Plant
 from uvms_ocp.sim.sampling import N_DRAWN
@@ -94,8 +96,11 @@ def simulate(
         raise InvalidInput(
             f"{problem}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s"
         )
+    known = CHANNELS
+    if isinstance(estimator, GuardedEstimator):
+        known = tuple(estimator.monitor.numbers)
     for name in kept_readings or ():
-        require_known("channel", name, CHANNELS)
+        require_known("channel", name, known)
     recorder = recorder or Recorder()
     stops = list[object]()
     loop = Loop(

@@ -14,8 +14,7 @@ from uvms_ocp.control.force.tick import ForceMemory, hear_forces
 from uvms_ocp.control.velocity.tick import is_blind, is_stopped
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.estimation.filter_memory import (
-    N_CHANNELS,
-    N_VEHICLE,
+    N_JOINT_CHANNELS,
     ChannelIndex,
     FilterMemory,
     Part,
@@ -25,7 +24,8 @@ from uvms_ocp.estimation.health.monitor import EstimateSupport
 from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance
 from uvms_ocp.mission.progress import is_over
 from uvms_ocp.record.meta_values import LARGEST
-from uvms_ocp.robot.signals import CHANNELS, Trust
+from uvms_ocp.robot.channels import CHANNELS
+from uvms_ocp.robot.signals import Trust
 from uvms_ocp.sim.dynamic_step import PlantMemory, advance_plant
 from uvms_ocp.sim.plant import KinematicMemory, advance_kinematic
 from uvms_ocp.sim.sampling import SensorsMemory, read_sensors
@@ -52,7 +52,7 @@ class LoopMemory(Layout):
     ahead: bool
     """True where the plant has moved already by the last command."""
     number: Annotated[list[int], Sized(len(CHANNELS))]
-    """(n_channels,) `ChannelIndex` of each of `CHANNELS`."""
+    """(9,) `ChannelIndex` of each of `CHANNELS`."""
     n_vehicle: int
     """Number of velocities of the vehicle."""
     q: Annotated[Vector, Sized("n_q")]
@@ -61,8 +61,8 @@ class LoopMemory(Layout):
     """(n_v,) [m/s, rad/s] true velocity."""
     a: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s2, rad/s2] true acceleration."""
-    measured: Annotated[list[Vector], Sized(N_CHANNELS, "n_measured")]
-    """(9, n_measured) [unit of the channel, s] new readings, each with its time behind it; NaN for
+    measured: Annotated[list[Vector], Sized("n_channels", "n_measured")]
+    """(n_channels, n_measured) [unit of the channel, s] new readings, each with its time behind it; NaN for
     none.
     """
     commanded: Annotated[Vector, Sized("n_v")]
@@ -77,10 +77,10 @@ class LoopMemory(Layout):
     """True where the robot has an altimeter, whose range the filter estimates."""
     range: Annotated[Vector, Sized(2)]
     """(2,) [m] range of the altimeter, and its standard deviation, NaN for none."""
-    since: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] times at which the verdicts on the channels changed."""
-    trusts: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) `Trust` in each channel that there is, in the order of `Readings`."""
+    since: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] times at which the verdicts on the channels changed."""
+    trusts: Annotated[list[int], Sized("n_channels")]
+    """(n_channels,) `Trust` in each channel that there is, in the order of `Readings`."""
     news: bool
     """True where the verdict on a channel changed."""
     verdict: int
@@ -185,10 +185,10 @@ def feed_filter(loop: LoopMemory, health: HealthMemory, filter: FilterMemory) ->
             filter.fresh[number] = 1.0
             filter.stamp[number] = channel.stamp
             for i in range(channel.size):
-                if number < N_VEHICLE:
-                    filter.value[number][i] = channel.value[i]
+                if number < N_JOINT_CHANNELS:
+                    filter.joint_value[number][i] = channel.value[i]
                 else:
-                    filter.joint_value[number - N_VEHICLE][i] = channel.value[i]
+                    filter.value[number][i] = channel.value[i]
     if health.exposed or health.velocity_unobserved:
         inflate_velocity_variance(filter, health.velocity_unobserved)
 

@@ -18,6 +18,7 @@ from uvms_ocp.codegen.kernel_layout import (
 )
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, ChannelIndex
 from uvms_ocp.estimation.vehicle_model import cross, rotate_back, rotation
+from uvms_ocp.robot.channels import LARGEST_OWN
 from uvms_ocp.sim.seafloor import LEVEL_RAY
 
 N_DRAWN = 256
@@ -138,11 +139,15 @@ class SensorsMemory(Layout):
     """Function of a quaternion (4,) and a rotation vector (3,) in B that gives `turned`."""
     turned: Annotated[Vector, Sized(4)]
     """(4,) quaternion xyzw, turned by the vector."""
+    measure: FunctionField
+    """Function of q (n_q,) and v (n_v,) that gives `own`."""
+    own: Annotated[Vector, Sized("n_own_rows")]
+    """(n_own_rows,) [unit of the channel] true values of a user's own channels, `LARGEST_OWN` each."""
     n: int
     """Number of channels that the robot has."""
-    order: Annotated[list[int], Sized(N_CHANNELS)]
-    """(n,) `ChannelIndex` of these, in the order of `Readings`."""
-    channels: Annotated[list[ChannelSampler], Sized(N_CHANNELS)]
+    order: Annotated[list[int], Sized("n_channels")]
+    """(n,) `ChannelIndex` of these, in the order of `Readings`, then those of a user's own."""
+    channels: Annotated[list[ChannelSampler], Sized("n_channels")]
     """Samplers of the channels, by `ChannelIndex`."""
     crowded: bool
     """True where more readings of a channel were under way than there is room for."""
@@ -187,6 +192,12 @@ def _take_sample(sensors: SensorsMemory, sampler: ChannelSampler, t: float) -> N
 
 def _measure(sensors: SensorsMemory, sampler: ChannelSampler) -> None:
     """Write the true value of the channel into the sample."""
+    if sampler.number >= N_CHANNELS:
+        first = LARGEST_OWN * (sampler.number - N_CHANNELS)
+        sensors.measure(sensors.q, sensors.v, sensors.own)
+        for i in range(sampler.size):
+            sampler.sample[i] = sensors.own[first + i]
+        return
     for i in range(sampler.size):
         sampler.sample[i] = (
             sensors.v[sampler.first + i] if sampler.of_velocity else sensors.q[sampler.first + i]

@@ -11,7 +11,6 @@ from uvms_ocp.codegen.kernel_layout import view
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.codegen.sequence import Source, Step
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.channel_state import HealthMemory
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.robot.signals import Readings, State
@@ -102,7 +101,7 @@ class OwnSensors:
 
 
 def readings_in_memory(
-    loop: kernels.LoopMemory, health: HealthMemory, kept_readings: Mapping[str, int]
+    loop: kernels.LoopMemory, monitor: HealthMonitor, kept_readings: Mapping[str, int]
 ) -> dict[str, Source]:
     """Return the series of new readings, which kernels write. Raises `InvalidInput` for other
     numbers than a channel has.
@@ -110,11 +109,12 @@ def readings_in_memory(
     measured = view(loop.measured)
     sources = dict[str, Source]()
     for name, n in kept_readings.items():
-        channel = health.channels[NUMBER[name]]
+        number = monitor.numbers[name]
+        channel = monitor.memory.channels[number]
         if not channel.present:
             raise InvalidInput(f"{name} is to be kept, and there is no such sensor; leave it out")
         size = channel.size
         if size != n:
             raise InvalidInput(f"{name} has {size} numbers, {n} are to be kept of it")
-        sources[f"measured_{name}"] = measured[NUMBER[name], : n + 1]
+        sources[f"measured_{name}"] = measured[number, : n + 1]
     return sources

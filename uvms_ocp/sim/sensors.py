@@ -18,11 +18,21 @@ from uvms_ocp.codegen.kernel_layout import CallbackBinding, assign, structure_of
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.fallbacks import echo_sizes
-from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex
+from uvms_ocp.estimation.filter_memory import N_CHANNELS, ChannelIndex, numbers_of
 from uvms_ocp.robot import Robot, roles, signals, spatial
+from uvms_ocp.robot.channels import (
+    CHANNEL_OF,
+    LARGEST_OWN,
+    TABLE,
+    Channel,
+    rows_by_name,
+    shape_of,
+    start_of,
+)
 from uvms_ocp.robot.kinematics import AltimeterBeam
+from uvms_ocp.robot.measurement import measurement_function
 from uvms_ocp.robot.robot import require_normalized
-from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
+from uvms_ocp.robot.signals import Reading, Readings, SensorSpec, SensorSpecs, State
 from uvms_ocp.sim import sampling
 from uvms_ocp.sim.fault_effects import ChannelFaults, FaultyChannel
 from uvms_ocp.sim.faults import Fault
@@ -35,7 +45,6 @@ NO_ACCELERATION = (
     "specific_force needs the acceleration of the true state; give State(a=...), as plants do"
 )
 """What is said of a state without the acceleration that an accelerometer reads."""
-_SCALARS = ("depth", "altimeter_range")
 # [Hz] of ticks, and readings, for which those under way have room
 _QUICKEST = 2000.0
 _MOST = 20_000
@@ -95,7 +104,9 @@ class SensorSuite:
             frame = altimeter_frame or robot.description.altimeter
         else:
             frame = None
-        sources = sources_of(robot, has_altimeter=frame is not None)
+        rows = rows_by_name(specs.own)
+        numbers = numbers_of(specs.own)
+        sources = sources_of(robot, has_altimeter=frame is not None, own=specs.own)
         has_log = robot.n_vehicle and robot.description.dvl
         if has_log:
             X_BD = robot.model.frames[robot.frame_id(roles.DVL)].placement
@@ -104,19 +115,15 @@ class SensorSuite:
                 turn=R_BD, disturb=lambda value, error: value + R_BD @ error
             )
             sources["linear_velocity"] = turned
-        present = dict[str, SensorSpec]()
-        for name in CHANNELS:
-            spec = getattr(specs, name)
-            if spec is not None and name in sources:
-                present[name] = spec
-        seeds = np.random.SeedSequence(seed).spawn(len(CHANNELS))
-        streams = dict(zip(CHANNELS, seeds, strict=True))
+        present = {name: spec for name, spec in specs.present.items() if name in sources}
+        seeds = np.random.SeedSequence(seed).spawn(len(rows))
+        streams = dict(zip(rows, seeds, strict=True))
         present_sources = {name: sources[name] for name in present}
         faults_by_channel = faults_of_channels(robot, faults, present_sources, seed)
         self.memory: SensorsMemory
         """Memory of the kernels."""
         self.memory, (self._read,) = make_memory(
-            _structure(robot, frame, present, faults_by_channel), (sampling.read_sensors,)
+            _structure(robot, frame, specs, present, faults_by_channel), (sampling.read_sensors,)
         )
         memory = self.memory
         self._bindings = list[CallbackBinding]()
@@ -124,7 +131,7 @@ class SensorSuite:
             memory,
             gravity=robot.model.gravity.linear,
             n=len(present),
-            order=[NUMBER[name] for name in present],
+            order=[numbers[name] for name in present],
         )
         if has_log:
             assign(memory, carried=specs.linear_velocity != _IDEAL, log_at=X_BD.translation)
@@ -135,8 +142,9 @@ class SensorSuite:
             self._look_at(Altimeter(robot, seafloor, frame), seafloor)
         self._channels = list[_Channel]()
         for name, spec in present.items():
-            sampler = memory.channels[NUMBER[name]]
-            channel = _Channel(sampler, name, spec, sources[name], streams[name])
+            sampler = memory.channels[numbers[name]]
+            sampler.number = numbers[name]
+            channel = _Channel(sampler, rows[name], spec, sources[name], streams[name])
             self._channels.append(channel)
             self._bindings += channel.ask_python(faults_by_channel.get(name))
         self.is_ideal = not faults_by_channel and all(spec == _IDEAL for spec in present.values())
@@ -173,7 +181,7 @@ class SensorSuite:
         for channel in self._channels:
             if channel.memory.fresh:
                 readings[channel.name] = channel.reading()
-        return signals.unchecked_readings(**readings)
+        return signals.readings_of(readings)
 
     def draw_ahead(self, n: int) -> None:
         """Have errors for so many ticks, at most `uvms_ocp.sim.sampling.N_DRAWN`, ready for the
@@ -226,43 +234,47 @@ class Source(NamedTuple):
     """(3, 3) rotation into B of the axes that errors are along."""
 
 
-def sources_of(robot: Robot, *, has_altimeter: bool) -> dict[str, Source]:
-    """Return what each channel of a robot measures."""
-    joints = robot.joint_q
-    rates = robot.joint_v
-    n = robot.n_joints
-    kinds = sampling.Disturbance
-    joint_disturbance: dict[str, Any] = {}
-    if any(joint.n_q != joint.n_v for joint in robot.joints):
-        joint_disturbance["disturb"] = _joint_disturbance(robot)
-        joint_disturbance["disturbance"] = kinds.ASKED
-    n_positions = joints.stop - joints.start
-    sources = {
-        "joint_positions": Source(False, joints.start, n_positions, n, **joint_disturbance),
-        "joint_velocities": Source(True, rates.start, n, n),
-    }
-    if robot.n_vehicle:
-        turn = BufferedFunction(_turn_function())
-        turned: dict[str, Any] = {
-            "disturb": lambda value, error: turn(value, error)[0],
-            "disturbance": kinds.TURNED,
-        }
-        sources |= {
-            "position": Source(False, 0, 3, 3),
-            "depth": Source(False, 2, 1, 1, disturb=_add_scalar),
-            "attitude": Source(False, 3, 4, 3, **turned),
-            "angular_velocity": Source(True, 3, 3, 3),
-            "linear_velocity": Source(True, 0, 3, 3),
-            "specific_force": Source(True, 0, 3, 3),
-        }
-    if has_altimeter:
-        sources["altimeter_range"] = Source(False, 0, 1, 1, disturb=_add_scalar)
+def sources_of(
+    robot: Robot, *, has_altimeter: bool, own: Sequence[Channel] = ()
+) -> dict[str, Source]:
+    """Return what each channel of a robot measures, the toolkit's and a user's own, by name."""
+    sources = dict[str, Source]()
+    for channel in (*TABLE, *own):
+        exists = channel.of_joints or robot.n_vehicle > 0
+        if channel.name == "altimeter_range":
+            exists = has_altimeter
+        if exists:
+            sources[channel.name] = _source(robot, channel)
     return sources
+
+
+def _source(robot: Robot, channel: Channel) -> Source:
+    n_errors = channel.rows
+    if channel.of_joints:
+        n_errors = robot.n_joints
+    shape = shape_of(channel, robot)
+    of_velocity = channel.orders < 2
+    source = Source(of_velocity, start_of(channel, robot), math.prod(shape), n_errors)
+    if shape == ():
+        return source._replace(disturb=_add_scalar)
+    if channel.name == "attitude":
+        turn = BufferedFunction(_turn_function())
+        return source._replace(
+            disturb=lambda value, error: turn(value, error)[0],
+            disturbance=sampling.Disturbance.TURNED,
+        )
+    is_curved = any(joint.n_q != joint.n_v for joint in robot.joints)
+    if channel.name == "joint_positions" and is_curved:
+        return source._replace(
+            disturb=_joint_disturbance(robot), disturbance=sampling.Disturbance.ASKED
+        )
+    return source
 
 
 def _structure(
     robot: Robot,
     frame: str | None,
+    specs: SensorSpecs,
     present: Mapping[str, SensorSpec],
     faults_by_channel: Mapping[str, ChannelFaults],
 ) -> type[SensorsMemory]:
@@ -274,9 +286,20 @@ def _structure(
         rate = min(spec.rate, _QUICKEST)
         n_room = max(n_room, 2 + min(_MOST, math.ceil(delay * rate)))
     width = max(4, robot.n_joints, robot.joint_q.stop - robot.joint_q.start)
-    sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_width": width, "n_room": n_room}
+    sizes = {
+        "n_q": robot.n_q,
+        "n_v": robot.n_v,
+        "n_width": width,
+        "n_room": n_room,
+        "n_channels": N_CHANNELS + len(specs.own),
+        "n_own_rows": LARGEST_OWN * len(specs.own),
+    }
     return structure_of(
-        SensorsMemory, turn=_turn_function(), look=echo_sizes(robot, frame)["look"], **sizes
+        SensorsMemory,
+        turn=_turn_function(),
+        look=echo_sizes(robot, frame)["look"],
+        measure=measurement_function(robot, specs.own),
+        **sizes,
     )
 
 
@@ -313,7 +336,8 @@ def _faulty_channel(robot: Robot, name: str, source: Source) -> FaultyChannel:
         "attitude": np.array([0.0, 0.0, 0.0, 1.0]),
         "joint_positions": neutral[robot.joint_q],
     }
-    joints = robot.joints if name.startswith("joint_") else ()
+    is_of_joints = name in CHANNEL_OF and CHANNEL_OF[name].of_joints
+    joints = robot.joints if is_of_joints else ()
     return FaultyChannel(
         name=name,
         disturb=source.disturb,
@@ -370,7 +394,7 @@ class _Channel:
     def __init__(
         self,
         memory: ChannelSampler,
-        name: str,
+        row: Channel,
         spec: SensorSpec,
         source: Source,
         stream: np.random.SeedSequence,
@@ -378,17 +402,16 @@ class _Channel:
         n = source.n_errors
         if len(spec.biases) not in (1, n):
             raise InvalidInput(
-                f"bias of {name} has {len(spec.biases)} entries; give a number or {n} numbers"
+                f"bias of {row.name} has {len(spec.biases)} entries; give a number or {n} numbers"
             )
         self.memory = memory
-        self.name = name
-        self._scalar = name in _SCALARS
+        self.name = row.name
+        self._scalar = row.size == 1
         self._spec = spec
         self._source = source
         assign(
             memory,
             present=True,
-            number=NUMBER[name],
             n_used=sampling.N_DRAWN,
             due=-math.inf,
             of_velocity=source.of_velocity,

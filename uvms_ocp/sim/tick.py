@@ -33,10 +33,11 @@ from uvms_ocp.control import DynamicController, KinematicController
 from uvms_ocp.control.external import SupervisedController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
-from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
-from uvms_ocp.robot.signals import CHANNELS, Command
+from uvms_ocp.robot.channels import CHANNELS
+from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim.controller_steps import (
     ControllerSteps,
     KernelController,
@@ -139,7 +140,7 @@ class Tick:
         loop = self.memory
         sources = dict[str, Source]()
         if self._monitor is not None and self._kept_readings:
-            sources = readings_in_memory(loop, self._monitor.memory, self._kept_readings)
+            sources = readings_in_memory(loop, self._monitor, self._kept_readings)
             sources["brakes"] = number_in_memory(loop, "braked")
         sources |= {"t": number_in_memory(loop, "t"), "q": self._arrays.q, "v": self._arrays.v}
         sources |= self.estimator.sources()
@@ -221,6 +222,8 @@ def _fit(
     """Check that the parts are fresh, and of robots of one size."""
     if estimator.monitor.memory.started:
         return False
+    if suite is not None and len(suite.memory.channels) != len(estimator.monitor.memory.channels):
+        return False
     robot = estimator.robot
     sizes = [(len(plant.state.q), len(plant.state.v))]
     if suite is not None:
@@ -248,13 +251,16 @@ def _loop_memory(plant: Any, estimator: Any, controller: Any, as_kernels: _AsKer
     if as_kernels.controller:
         n_thrusters = len(controller.kinematic.robot.description.thrusters)
     n_measured = 1
+    n_channels = N_CHANNELS
     if isinstance(estimator, GuardedEstimator):
         n_measured += max(channel.size for channel in estimator.monitor.memory.channels)
+        n_channels = len(estimator.monitor.numbers)
     sizes = {
         "n_q": len(plant.state.q),
         "n_v": len(plant.state.v),
         "n_thrusters": n_thrusters,
         "n_measured": n_measured,
+        "n_channels": n_channels,
     }
     loop = structure_of(LoopMemory, **sizes)()
     assign(loop, number=[NUMBER[name] for name in CHANNELS], range=np.nan)

@@ -10,7 +10,7 @@ import pinocchio as pin
 from uvms_ocp.control.external import require_numbers
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
-from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation.filter_memory import N_CHANNELS
 from uvms_ocp.estimation.health import guarded_estimator
 from uvms_ocp.record.meta_values import UNIT_NORM_TOLERANCE
 from uvms_ocp.robot.robot import Robot
@@ -25,14 +25,16 @@ from uvms_ocp.types import Array
 _OURS = (PassThrough, Estimator)
 
 
-def watched_estimator(estimator: Any, robot: Robot, name: str) -> StateEstimator:
+def watched_estimator(
+    estimator: Any, robot: Robot, name: str, n_channels: int = N_CHANNELS
+) -> StateEstimator:
     """Return an estimator with its estimates checked, unless it is the toolkit's own; one that has
-    gates of its own still reports them.
+    gates of its own still reports them. n_channels: the toolkit's and a user's own.
     """
     if type(estimator) in _OURS:
         return estimator
     if isinstance(estimator, guarded_estimator.GatedEstimator):
-        return WatchedGates(estimator, robot, name)
+        return WatchedGates(estimator, robot, name, n_channels)
     return WatchedEstimator(estimator, robot, name)
 
 
@@ -66,14 +68,16 @@ class WatchedEstimator:
 class WatchedGates(WatchedEstimator):
     """Watched estimator that reports which readings it refuses."""
 
-    def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
+    def __init__(
+        self, estimator: Any, robot: Robot, name: str, n_channels: int = N_CHANNELS
+    ) -> None:
         """name: what messages call it. Raises `InvalidInput` for outcomes that the monitor cannot
         share.
         """
         super().__init__(estimator, robot, name)
         self.outcomes: Array = estimator.outcomes
-        """(9, 4) [s, -, -, -] theirs, see `GatedEstimator.outcomes`."""
-        shape = (len(NUMBER), 4)
+        """(n_channels, 4) [s, -, -, -] theirs, see `GatedEstimator.outcomes`."""
+        shape = (n_channels, 4)
         actual_shape = np.shape(self.outcomes)
         if (
             actual_shape != shape

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.health.channel_setup import sizes_of
+from uvms_ocp.robot.channels import shapes_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import (
-    CHANNELS,
     Reading,
     Readings,
     SensorSpecs,
     State,
+    readings_by_channel,
     unchecked_state,
 )
-
-_all = attrgetter(*CHANNELS)
 
 
 class WatchedSensors:
@@ -37,9 +34,10 @@ class WatchedSensors:
             )
         self._wrapped: Callable[[State, float], Readings] = sensors
         self._name = name
-        self._sizes = sizes_of(robot)
-        self._expected = {channel for channel in CHANNELS if getattr(specs, channel) is not None}
-        self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(CHANNELS)
+        self._shapes = shapes_of(robot, specs.own)
+        self._expected = specs.present.keys()
+        self._own = tuple(channel.name for channel in specs.own)
+        self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(self._shapes)
 
     def __call__(self, state: State, t: float) -> Readings:
         """Return the readings of the true state at time t [s]. Raises `InvalidInput` for what is no
@@ -51,7 +49,14 @@ class WatchedSensors:
             raise InvalidInput(
                 f"sensors {self._name} returned {type(readings).__name__}; return Readings"
             )
-        for channel, reading in zip(CHANNELS, _all(readings), strict=True):
+        for name in readings.own:
+            if name not in self._own:
+                raise InvalidInput(
+                    f"sensors {self._name} read {name}, which is no own channel of their specs; add"
+                    " it to them"
+                )
+        given = readings_by_channel(readings, self._own)
+        for channel, reading in zip(self._shapes, given, strict=True):
             if reading is not None and reading is not self._seen[channel]:
                 self._require(channel, reading)
                 self._seen[channel] = reading
@@ -63,7 +68,7 @@ class WatchedSensors:
                 f"sensors {self._name} read {channel}, which their specs leave out; add it to them"
             )
         shape = np.shape(reading.value)
-        right = self._sizes[channel]
+        right = self._shapes[channel]
         if shape != right:
             raise InvalidInput(
                 f"sensors {self._name} read {channel} of shape {shape}; give {right}"

@@ -34,8 +34,9 @@ from uvms_ocp.control.force.overspeed import (
 from uvms_ocp.control.velocity.tick import damps_turns, is_blind, is_stopped
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS, JOINT_RATES
+from uvms_ocp.estimation.degraded_modes import ENCODERS, JOINT_RATES
 from uvms_ocp.estimation.fallbacks import level_attitude
+from uvms_ocp.robot.channels import CHANNELS
 from uvms_ocp.robot.signals import SAME_TIME, Command, Trust
 from uvms_ocp.robot.thrusters import undriven_axes
 

@@ -25,7 +25,7 @@ from uvms_ocp.control.velocity import abort, ascent, braking, distances, speed_l
 from uvms_ocp.control.velocity.goals import load_goals
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_memory import TickMemory
-from uvms_ocp.estimation.degraded_modes import CHANNELS, restrict
+from uvms_ocp.estimation.degraded_modes import restrict
 from uvms_ocp.estimation.fallbacks import (
     Freshness,
     echo_range,
@@ -36,6 +36,7 @@ from uvms_ocp.estimation.fallbacks import (
     point_altimeter,
 )
 from uvms_ocp.mission import progress
+from uvms_ocp.robot.channels import CHANNELS
 from uvms_ocp.robot.signals import Trust
 from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
 

@@ -27,10 +27,11 @@ from uvms_ocp.control.velocity import (
     viability,
 )
 from uvms_ocp.control.velocity.goals import GoalsMemory
-from uvms_ocp.estimation.degraded_modes import ALTIMETER, CHANNELS, RestrictionMemory, write_modes
+from uvms_ocp.estimation.degraded_modes import ALTIMETER, RestrictionMemory, write_modes
 from uvms_ocp.estimation.fallbacks import AltimeterMemory, LastValidMemory, Watchdog, echo_sizes
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.progress import MissionMemory, sizes_of
+from uvms_ocp.robot.channels import CHANNELS
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import largest_wrench
 from uvms_ocp.tasks.task import Task

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import structure_of
-from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, unasked_turn
+from uvms_ocp.estimation.filter_memory import NUMBER, numbers_of, unasked_turn
 from uvms_ocp.estimation.health import plausibility, redundancy
 from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, HealthMemory
 from uvms_ocp.estimation.health.floor import POSITION, init_floor
 from uvms_ocp.estimation.health.tuning import HealthTuning
-from uvms_ocp.estimation.tuning import JOLTS
+from uvms_ocp.robot.channels import CHANNEL_OF, Channel, rows_by_name, shape_of, start_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpec
 from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
@@ -41,34 +41,28 @@ _ENCODER_TRAVEL = 0.02  # [rad or m] asked of a joint while its encoder does not
 _BRISK = 1.5  # by how much water and blows move a vehicle faster than it can by itself
 _ANY = 1e12  # [unit of the channel] growth of what has no limits
 _FASTEST = 10.0  # [rad/s or m/s] of a joint without limits
-_WHOLE = ("attitude",)  # whose components cannot be judged one by one: some hardly change
-_RATES = ("angular_velocity", "linear_velocity", "joint_velocities")
-"""Channels of rates: exact ones may belong to a plant whose velocities jump, as the paper's does.
-"""
-_RIVALS = {
-    "attitude": ("angular_velocity",),
-    "angular_velocity": ("attitude",),
-    "position": ("linear_velocity", "depth"),
-    "depth": ("position", "linear_velocity"),
-    "linear_velocity": ("position",),
-}
-"""Channels that may be the reason why the estimate does not agree with another one."""
 
 
 def health_memory(
-    robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning
+    robot: Robot,
+    specs: Mapping[str, SensorSpec],
+    tuning: HealthTuning,
+    own: Sequence[Channel] = (),
 ) -> HealthMemory:
-    """Make a `HealthMemory`; specs: of every channel that the robot has."""
+    """Make a `HealthMemory`; specs: of every channel that the robot has, own: a user's among them."""
+    rows = rows_by_name(own)
+    numbers = numbers_of(own)
     memory = structure_of(
         HealthMemory,
         n_q=robot.n_q,
         n_v=robot.n_v,
         n_joints=robot.n_joints,
-        n_width=max(4, *sizes_of(robot)["joint_positions"]),
+        n_width=max(4, robot.joint_q.stop - robot.joint_q.start),
+        n_channels=len(numbers),
         n_estimates=N_ESTIMATES,
     )()
     memory.n = len(specs)
-    memory.order[: len(specs)] = [int(NUMBER[name]) for name in specs]
+    memory.order[: len(specs)] = [numbers[name] for name in specs]
     memory.clean = tuning.clean
     memory.clock = tuning.clock
     memory.culprit = -1
@@ -76,7 +70,7 @@ def health_memory(
     memory.late = tuning.late
     memory.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
     memory.history.spacing = memory.history.length / (N_ESTIMATES - 2)
-    for number in range(N_CHANNELS):
+    for number in range(len(numbers)):
         channel = memory.channels[number]
         channel.number = number
         channel.rival = -1
@@ -93,11 +87,11 @@ def health_memory(
         channel.taken = math.nan
         channel.used_at = math.nan
     for name, spec in specs.items():
-        _set_channel(memory.channels[NUMBER[name]], robot, name, spec)
+        _set_channel(memory.channels[numbers[name]], robot, rows[name], spec)
     _set_gates(memory, robot, specs, tuning)
-    bias = dict.fromkeys(sizes_of(robot), 0.0)
-    sigma = dict.fromkeys(sizes_of(robot), 0.0)
-    delay = dict.fromkeys(sizes_of(robot), 0.0)
+    bias = dict.fromkeys(rows, 0.0)
+    sigma = dict.fromkeys(rows, 0.0)
+    delay = dict.fromkeys(rows, 0.0)
     for name, spec in specs.items():
         bias[name] = _largest_bias(spec)
         sigma[name] = spec.sigma
@@ -117,48 +111,32 @@ def health_memory(
     return memory
 
 
-def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
-    """Return the shape of the value of each channel."""
-    n_joint_q = robot.joint_q.stop - robot.joint_q.start
-    return {
-        "position": (3,),
-        "depth": (),
-        "attitude": (4,),
-        "angular_velocity": (3,),
-        "linear_velocity": (3,),
-        "specific_force": (3,),
-        "joint_positions": (n_joint_q,),
-        "joint_velocities": (robot.n_joints,),
-        "altimeter_range": (),
-    }
-
-
 def _largest_bias(spec: SensorSpec) -> float:
     return max(abs(bias) for bias in spec.biases)
 
 
-def _set_channel(channel: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) -> None:
+def _set_channel(channel: ChannelMemory, robot: Robot, row: Channel, spec: SensorSpec) -> None:
     channel.present = True
-    channel.size = math.prod(sizes_of(robot)[name])
+    channel.size = math.prod(shape_of(row, robot))
     channel.delay = spec.delay
     channel.period = 1.0 / spec.rate
     channel.losses = math.inf if spec.dropout >= 1.0 else 0.0
     if 0.0 < spec.dropout < 1.0:  # so many readings in a row such a sensor loses by chance
         channel.losses = math.log(plausibility.CHANCE) / math.log(spec.dropout)
-    channel.rival, channel.other_rival = _two(_RIVALS.get(name, ()))
-    plain = not name.startswith("joint") or _is_plain(robot)
+    channel.rival, channel.other_rival = _two(row.rivals)
+    plain = not row.of_joints or _is_plain(robot)
     plausibility.init_repetitions(
         channel.repeats,
         spec.sigma,
         size=channel.size,
-        each=plain and name not in _WHOLE,
-        alike=name != "position",
+        each=plain and not row.of_one_piece,
+        alike=not row.of_several_sensors,
     )
 
 
 def _is_plain(robot: Robot) -> bool:
     """Check that each degree of freedom of the joints is one number in q."""
-    return sizes_of(robot)["joint_positions"] == (robot.n_joints,)
+    return robot.joint_q.stop - robot.joint_q.start == robot.n_joints
 
 
 def _two(names: tuple[str, ...]) -> tuple[int, int]:
@@ -176,21 +154,26 @@ def _set_gates(
     if robot.n_vehicle:
         allowed |= _vehicle_gates(robot, tuning)
     for name, spec in specs.items():
-        if name not in allowed or (spec.exact and name in _RATES):
+        if name not in allowed:
+            continue
+        row = CHANNEL_OF[name]
+        if spec.exact and row.orders == 1:
+            # It may belong to a plant whose velocities jump, as the paper's does.
             continue
         gate = memory.channels[NUMBER[name]].gate
         of = allowed[name]
         gate.exists = True
         gate.channel = int(NUMBER[name])
+        gate.orders = row.orders
         gate.size = memory.channels[NUMBER[name]].size
-        gate.start = of.start
+        gate.start = start_of(row, robot)
         gate.supported = of.supported
         gate.alone = of.alone
         gate.most = math.inf
         gate.noise = _SIGMAS * spec.sigma + _largest_bias(spec)
         gate.base = of.base + gate.noise + _unforeseen(of, spec, specs)
         gate.by, gate.or_by = _two(of.by)
-        gate.jolt = JOLTS[NUMBER[name]]
+        gate.jolt = row.jolt
         if name == "angular_velocity":
             gate.push = unasked_turn(robot)
         gate.rates = robot.joint_v.start if name == "joint_positions" else -1
@@ -203,8 +186,6 @@ def _set_gates(
 class _Allowed(NamedTuple):
     """Error that an estimate may have, in the unit of the channel."""
 
-    start: int
-    """Index at which the value begins in q or v."""
     base: float
     """Error of an estimate that a reading has just corrected."""
     supported: float
@@ -241,13 +222,13 @@ def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
     a = max(a, float(unasked_acceleration(robot)[:3].max()))
     fixes = ("position", "linear_velocity")
     return {
-        "position": _Allowed(0, POSITION, _POSITION_DRIFT, v + tuning.current, fixes[1:], a),
-        "depth": _Allowed(2, POSITION, _POSITION_DRIFT, v + tuning.current, fixes, a),
-        "attitude": _Allowed(3, _ATTITUDE, _ATTITUDE_DRIFT, w, ("angular_velocity",), alpha),
+        "position": _Allowed(POSITION, _POSITION_DRIFT, v + tuning.current, fixes[1:], a),
+        "depth": _Allowed(POSITION, _POSITION_DRIFT, v + tuning.current, fixes, a),
+        "attitude": _Allowed(_ATTITUDE, _ATTITUDE_DRIFT, w, ("angular_velocity",), alpha),
         "angular_velocity": _Allowed(
-            3, _RATE, _RATE_DRIFT, alpha, ("attitude",), unasked=max(alpha, unasked_turn(robot))
+            _RATE, _RATE_DRIFT, alpha, ("attitude",), unasked=max(alpha, unasked_turn(robot))
         ),
-        "linear_velocity": _Allowed(0, _VELOCITY, _VELOCITY_DRIFT, a, fixes[:1]),
+        "linear_velocity": _Allowed(_VELOCITY, _VELOCITY_DRIFT, a, fixes[:1]),
     }
 
 
@@ -274,12 +255,9 @@ def _joint_gates(robot: Robot, specs: Mapping[str, SensorSpec]) -> dict[str, _Al
     if rates is not None:
         supported = min(fastest, _JOINT_DRIFT + _largest_bias(rates))
         base += min(fastest / rates.rate, quickest / rates.rate**2)
-    first_q = robot.joint_q.start
     return {
-        "joint_positions": _Allowed(
-            first_q, base, supported, fastest, ("joint_velocities",), quickest
-        ),
-        "joint_velocities": _Allowed(robot.joint_v.start, _JOINT_RATE, quickest, quickest, ()),
+        "joint_positions": _Allowed(base, supported, fastest, ("joint_velocities",), quickest),
+        "joint_velocities": _Allowed(_JOINT_RATE, quickest, quickest, ()),
     }
 
 

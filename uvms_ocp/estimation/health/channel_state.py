@@ -12,7 +12,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
-from uvms_ocp.estimation.filter_memory import N_CHANNELS, ChannelIndex
+from uvms_ocp.estimation.filter_memory import ChannelIndex
 from uvms_ocp.estimation.health import plausibility, redundancy
 from uvms_ocp.estimation.health.floor import FloorMemory
 from uvms_ocp.estimation.health.tuning import (
@@ -169,8 +169,8 @@ class HealthMemory(Layout):
 
     n: int
     """Number of channels that the robot has."""
-    order: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) `ChannelIndex` of these channels, in the order of `Readings`."""
+    order: Annotated[list[int], Sized("n_channels")]
+    """(n_channels,) `ChannelIndex` of these channels, in the order of `Readings`."""
     clean: float
     """[s] `HealthTuning.clean`."""
     clock: float
@@ -200,7 +200,7 @@ class HealthMemory(Layout):
     now: plausibility.PastEstimate
     history: plausibility.EstimateHistory
     belief: ScreeningResult
-    channels: Annotated[list[ChannelMemory], Sized(N_CHANNELS)]
+    channels: Annotated[list[ChannelMemory], Sized("n_channels")]
     """Channels by `ChannelIndex`."""
     encoders: plausibility.EncoderMemory
     floor: FloorMemory

@@ -13,6 +13,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked_constructor, replace_unchecked
 from uvms_ocp.codegen.kernel_layout import doubles
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health import monitor as health_monitor
@@ -29,9 +30,6 @@ from uvms_ocp.robot.signals import (
 )
 from uvms_ocp.types import Array
 
-_NAMES: dict[int, str] = {number: name for name, number in NUMBER.items()}
-_OUTCOMES = 4 * len(NUMBER)  # numbers that a filter tells of its channels
-
 
 @runtime_checkable
 class GatedEstimator(Protocol):
@@ -41,11 +39,12 @@ class GatedEstimator(Protocol):
 
     @property
     def outcomes(self) -> Array:
-        """Outcome (9, 4) [s, -, -, -] of the gate on the newest reading of each channel that was
+        """Outcome (n_channels, 4) [s, -, -, -] of the gate on the newest reading of each channel that was
         compared with the estimate, changed in place.
 
         When it was taken, its normalised innovation squared, the degrees of freedom of that, and 1
-        if it was fused; nan before the first. In the order of `filter_memory.Channel`.
+        if it was fused; nan before the first. In the order of `filter_memory.ChannelIndex`, a user's
+        own after these.
         """
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
@@ -68,7 +67,9 @@ class GuardedEstimator(TableDisplay):
         specs: SensorSpecs | None = None,
         monitor: health_monitor.HealthMonitor | None = None,
     ) -> None:
-        """specs: those that the estimator expects. monitor: one for them unless given."""
+        """specs: those that the estimator expects. monitor: one for them unless given. Raises
+        `InvalidInput` for an estimator whose gates are of other channels than the monitor's.
+        """
         specs = specs or SensorSpecs()
         self.robot = robot
         self.estimator = estimator
@@ -86,17 +87,24 @@ class GuardedEstimator(TableDisplay):
             # Nothing is known to integrate the rates of the joints.
             joint_positions = self.monitor.memory.channels[NUMBER["joint_positions"]]
             joint_positions.gate.by = -1
+        numbers = self.monitor.numbers
+        self._names = {number: name for name, number in numbers.items()}
         self._needed = health_monitor.supporting_channels(robot, specs, rates=exact)
         fallbacks = health_monitor.fallback_sensors(gyro_from_attitude=gating)
         self.support = health_monitor.support_of(
-            self._needed, fallbacks, exact=exact, gating=gating
+            self._needed, fallbacks, exact=exact, gating=gating, n_channels=len(numbers)
         )
         """Memory of the kernels, as `repeated` and `outcomes`."""
-        numbers = np.zeros(_OUTCOMES)
+        outcomes = np.zeros(4 * len(numbers))
         if self._gating is not None:
-            numbers = self._gating.outcomes.reshape(-1)
+            outcomes = self._gating.outcomes.reshape(-1)
+        if outcomes.size != 4 * len(numbers):
+            raise InvalidInput(
+                f"outcomes of {outcomes.size // 4} channels, and a monitor of {len(numbers)}; give"
+                " estimator, monitor and GuardedEstimator the same specs"
+            )
         # The memory of the filter, as kernels take it.
-        self.outcomes = (ctypes.c_double * numbers.size).from_buffer(numbers.data)
+        self.outcomes = (ctypes.c_double * outcomes.size).from_buffer(outcomes.data)
         self._nothing = unchecked_estimate(
             q=robot.configuration(),
             v=np.zeros(robot.n_v),
@@ -184,7 +192,7 @@ class GuardedEstimator(TableDisplay):
             v=v,
             altimeter_range=echo if support.echo else math.nan,
             age=support.age,
-            oldest=_NAMES[oldest] if oldest >= 0 else "",
+            oldest=self._names[oldest] if oldest >= 0 else "",
             joint_age=support.joint_age,
             health=health,
             std=std,

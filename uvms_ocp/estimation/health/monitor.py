@@ -7,7 +7,6 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Mapping
-from operator import attrgetter
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -16,33 +15,28 @@ from uvms_ocp.checks import checked_constructor, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.estimation.estimator import JOINT_CHANNELS, AltimeterMount, PassThrough
-from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, ChannelIndex
+from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, ChannelIndex, numbers_of
 from uvms_ocp.estimation.health import channel_setup, channel_state, plausibility, screening
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
 from uvms_ocp.robot import signals
+from uvms_ocp.robot.channels import OF_MOTION, rows_by_name, shape_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import (
-    CHANNELS,
-    UNITS,
     ChannelHealth,
     Command,
     Reading,
     Readings,
+    SensorSpec,
     SensorSpecs,
     StateEstimate,
     Trust,
 )
 from uvms_ocp.types import Array
 
-_VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
-
 _N_OUTCOME = 4  # numbers of an outcome
 _LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itself
 
 _health = unchecked_constructor(ChannelHealth)
-_all = attrgetter(*CHANNELS)
-
-_JOINTS = ("joint_positions", "joint_velocities")
 
 
 class FallbackSensor(NamedTuple):
@@ -62,12 +56,12 @@ class EstimateSupport(Layout):
     """The estimator has gates of its own."""
     n: int
     """Channels that q and v rest on."""
-    needed: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) numbers of the channels that q and v rest on."""
-    fallback: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) number of the substitute of each channel, -1 for none."""
-    max_duration: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] for which the substitute replaces the channel."""
+    needed: Annotated[list[int], Sized("n_channels")]
+    """(n_channels,) numbers of the channels that q and v rest on."""
+    fallback: Annotated[list[int], Sized("n_channels")]
+    """(n_channels,) number of the substitute of each channel, -1 for none."""
+    max_duration: Annotated[Vector, Sized("n_channels")]
+    """(n_channels,) [s] for which the substitute replaces the channel."""
     age: float
     """[s] of the least supported channel; inf before the first reading of any needed one."""
     oldest: int
@@ -106,24 +100,29 @@ def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tup
     """
     channels = [*JOINT_CHANNELS]
     if robot.n_vehicle:
-        channels = [*_VEHICLE, *channels]
+        channels = [*OF_MOTION, *channels]
     if rates:
         channels.append("joint_velocities")
     return tuple(name for name in channels if getattr(specs, name) is not None)
 
 
 def support_of(
-    needed: tuple[str, ...], fallback: Mapping[str, FallbackSensor], *, exact: bool, gating: bool
+    needed: tuple[str, ...],
+    fallback: Mapping[str, FallbackSensor],
+    *,
+    exact: bool,
+    gating: bool,
+    n_channels: int = N_CHANNELS,
 ) -> EstimateSupport:
     """Make the `EstimateSupport` of an estimator that takes readings for the truth (exact), or has
-    gates (gating).
+    gates (gating). n_channels: with those of a user's own.
     """
-    support = structure_of(EstimateSupport)()
+    support = structure_of(EstimateSupport, n_channels=n_channels)()
     support.exact = exact
     support.gating = gating
     support.n = len(needed)
     support.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
-    support.fallback[:] = [-1] * N_CHANNELS
+    support.fallback[:] = [-1] * n_channels
     for name, fallback_sensor in fallback.items():
         support.fallback[NUMBER[name]] = int(NUMBER[fallback_sensor.channel])
         support.max_duration[NUMBER[name]] = fallback_sensor.max_duration
@@ -315,7 +314,7 @@ def judge(health: channel_state.HealthMemory, t: float, is_estimated: bool) -> i
 def finish(
     health: channel_state.HealthMemory, support: EstimateSupport, outcomes: Vector, t: float
 ) -> int:
-    """Take the filter's outcomes (36,), four numbers per channel, the support of its estimate
+    """Take the filter's outcomes (4 n_channels,), four numbers per channel, the support of its estimate
     `now`, and judge.
 
     t [s] is the time of the tick. Returns how many verdicts changed.
@@ -434,22 +433,30 @@ class HealthMonitor:
         specs = specs or SensorSpecs()
         self.tuning = tuning or HealthTuning()
         frame = altimeter_frame or robot.description.altimeter
-        present = {name: getattr(specs, name) for name in _present(robot, specs, frame)}
-        self.memory = memory = channel_setup.health_memory(robot, present, self.tuning)
+        present = _present(robot, specs, frame)
+        rows = rows_by_name(specs.own)
+        self.numbers = numbers = numbers_of(specs.own)
+        """Index of each channel, the toolkit's and a user's own, in memory."""
+        self.memory = memory = channel_setup.health_memory(robot, present, self.tuning, specs.own)
         """Memory of the kernels, a `HealthMemory`."""
-        structures = (type(memory), structure_of(EstimateSupport), structure_of(PassThroughMemory))
+        structures = (
+            type(memory),
+            structure_of(EstimateSupport, n_channels=len(numbers)),
+            structure_of(PassThroughMemory),
+        )
         kernels = (screen, judge, finish, screen_tick, finish_tick, screen_and_finish_tick)
         self._screen, self._judge, self._finish, *self.ticks = bind_kernels(
             kernels, structures, compiled=compiled
         )
         """`screen_tick`, `finish_tick` and `screen_and_finish_tick`."""
-        shapes = channel_setup.sizes_of(robot)
-        self._texts = ReasonTexts(robot.joint_names)
+        self._units = {name: row.unit for name, row in rows.items()}
+        self._texts = ReasonTexts(robot.joint_names, self._units)
         self._buffers = dict[str, ChannelBuffer]()
         for name in present:
-            channel = memory.channels[NUMBER[name]]
-            self._buffers[name] = ChannelBuffer(channel, shapes[name], self._texts)
-        self._places = tuple(self._buffers.get(name) for name in CHANNELS)
+            channel = memory.channels[numbers[name]]
+            self._buffers[name] = ChannelBuffer(channel, shape_of(rows[name], robot), self._texts)
+        self._own = tuple(channel.name for channel in specs.own)
+        self._places = tuple(self._buffers.get(name) for name in rows)
         self._fresh: list[ChannelBuffer] = []
         """Channels with new readings among those that were taken in last."""
         self._strange = False
@@ -504,7 +511,8 @@ class HealthMonitor:
         """Write new readings into the memory of the kernels."""
         self._fresh = []
         self._strange = False
-        for reading, buffer in zip(_all(readings), self._places, strict=True):
+        given = signals.readings_by_channel(readings, self._own)
+        for reading, buffer in zip(given, self._places, strict=True):
             if buffer is None:
                 self._strange = self._strange or reading is not None
             elif reading is None:
@@ -524,7 +532,7 @@ class HealthMonitor:
         if not behind and not self._strange:
             return readings
         used = {name: buffer.used for name, buffer in self._buffers.items()}
-        return signals.unchecked_readings(**used)
+        return signals.readings_of(used)
 
     @property
     def repeats(self) -> bool:
@@ -561,7 +569,7 @@ class HealthMonitor:
         """Judge all channels after the filter's gates, and find the age of what supports the
         estimate.
 
-        support: an `EstimateSupport`, which then has the ages. outcomes (36,) [s, -, -, -]:
+        support: an `EstimateSupport`, which then has the ages. outcomes (4 n_channels,) [s, -, -, -]:
         `GatedEstimator.outcomes`. t [s] is the time of the tick.
         """
         self._note(estimate)
@@ -585,22 +593,28 @@ class HealthMonitor:
             reason = self._texts.of(name, channel.complaint)
             verdict = _health(channel=name, trust=Trust(channel.trust), why=reason, since=t)
             verdicts[name] = verdict
-            self.alarms.append((t, _describe(verdict, channel.shift)))
+            self.alarms.append((t, _describe(verdict, channel.shift, self._units[name])))
         self._health = tuple(verdicts.get(verdict.channel, verdict) for verdict in self._health)
 
 
-def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> list[str]:
-    """Return the channels that the robot has."""
-    names = CHANNELS if robot.n_vehicle else _JOINTS
-    absent = () if altimeter_frame else ("altimeter_range",)
-    return [name for name in names if getattr(specs, name) is not None and name not in absent]
+def _present(
+    robot: Robot, specs: SensorSpecs, altimeter_frame: str | None
+) -> dict[str, SensorSpec]:
+    """Return the sensors that the robot has, by channel."""
+    sensors = specs.present
+    if not robot.n_vehicle:
+        rows = rows_by_name(specs.own)
+        return {name: sensor for name, sensor in sensors.items() if rows[name].of_joints}
+    if not altimeter_frame:
+        sensors.pop("altimeter_range", None)
+    return sensors
 
 
-def _describe(verdict: ChannelHealth, shift: float) -> str:
+def _describe(verdict: ChannelHealth, shift: float, unit: str) -> str:
     word = verdict.trust.name.lower()
     if verdict.why:
         return f"{verdict.channel} {word}: {verdict.why}"
     elsewhere = ""
     if shift > 0.0:
-        elsewhere = f", {shift:.2g} {UNITS[verdict.channel]} from where it was before"
+        elsewhere = f", {shift:.2g} {unit} from where it was before"
     return f"{verdict.channel} {word} again{elsewhere}"

@@ -8,7 +8,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.estimation.filter_memory import ChannelIndex, orders_of, pushed_time
+from uvms_ocp.estimation.filter_memory import ChannelIndex, pushed_time
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.estimation.tuning import JOLT_TIME
 from uvms_ocp.estimation.vehicle_model import multiply, normalize
@@ -196,6 +196,8 @@ class PlausibilityGate(Layout):
     exists: bool
     channel: int
     """`ChannelIndex` of the channel."""
+    orders: int
+    """Integrations from an acceleration to what the channel reads."""
     size: int
     """Numbers of its value."""
     start: int
@@ -234,7 +236,7 @@ def motion_within(gate: PlausibilityGate, estimate: PastEstimate, time: float) -
         rate = max(
             rate, 2.0 * abs(estimate.v[i])
         )  # what is known to move faster than it should, and faster yet
-    if orders_of(gate.channel) == 1:
+    if gate.orders == 1:
         return rate * time + max(gate.jolt * short, gate.push * pushed_time(time))
     return rate * time + gate.jolt * (short * short / 2.0)
 
@@ -296,7 +298,7 @@ def offset_of(gate: PlausibilityGate, value: Vector, estimate: PastEstimate, out
         out[3] = 0.0
         return
     for i in range(gate.size):
-        if orders_of(gate.channel) > 1:
+        if gate.orders > 1:
             out[i] = value[i] - estimate.q[gate.start + i]
         else:
             out[i] = 0.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, zeros
-from uvms_ocp.estimation.filter_memory import ChannelIndex, orders_of
+from uvms_ocp.estimation.filter_memory import ChannelIndex
 from uvms_ocp.estimation.health import floor, plausibility, redundancy
 from uvms_ocp.estimation.health.channel_state import (
     TOO_LATE,
@@ -126,7 +126,7 @@ def _agrees(
     away = abs(channel.stamp - estimate.t)
     error = plausibility.error_of(gate, channel.value, estimate)
     moved = plausibility.motion_within(gate, estimate, away)
-    channel.off = error if orders_of(channel.number) > 1 else -1.0  # rates leave no place behind
+    channel.off = error if gate.orders > 1 else -1.0  # rates leave no place behind
     channel.explained = gate.noise + max(growth, moved)
     if carried and is_persistent(channel):
         growth -= 0.5 * gate.base

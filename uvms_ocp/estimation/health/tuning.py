@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from importlib.resources import files
 from typing import Any
@@ -11,7 +11,7 @@ import tomllib
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen.kernel_layout import Layout
-from uvms_ocp.robot.signals import UNITS
+from uvms_ocp.robot.channels import UNITS
 from uvms_ocp.types import Positive
 
 _TEXTS: dict[str, str] = tomllib.loads(
@@ -108,9 +108,10 @@ def copy_complaint(to: Complaint, source: Complaint) -> None:
 class ReasonTexts:
     """Texts of the reasons why channels are not good."""
 
-    def __init__(self, joints: Sequence[str]) -> None:
-        """joints: their names."""
+    def __init__(self, joints: Sequence[str], units: Mapping[str, str] = UNITS) -> None:
+        """joints: their names. units: of the channels."""
         self._joints = joints
+        self._units = units
         self._shapes: list[str] = []
 
     def shape(self, actual: tuple[int, ...], expected: tuple[int, ...]) -> int:
@@ -131,12 +132,12 @@ class ReasonTexts:
         if why.code == Reason.ENCODER_DRIFT:
             return (
                 f"encoder and rate of {self._joints[int(a)]} disagree by {b:.2g}"
-                f" {UNITS['joint_velocities']}"
+                f" {self._units['joint_velocities']}"
             )
         if why.code == Reason.LARGE:
-            return f"{a:.3g} {UNITS[channel]}, more than the {b:.2g} that can be"
+            return f"{a:.3g} {self._units[channel]}, more than the {b:.2g} that can be"
         if why.code == Reason.OFF:
-            return f"{a:.3g} {UNITS[channel]} off the estimate, allowed {b:.2g}"
+            return f"{a:.3g} {self._units[channel]} off the estimate, allowed {b:.2g}"
         component = f", component {b:.0f}" if b else ""
         text = _TEXTS[Reason(why.code).name.lower()]
         return text.format(a=a, b=b, component=component)
