@@ -29,7 +29,7 @@ import pinocchio as pin
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
 from uvms_ocp.robot import spatial, symbolic_bodies, symbolic_joints, symbolic_model
 from uvms_ocp.robot.shapes import gjk
-from uvms_ocp.robot.shapes.penetration import Hull, expand_polytope, try_axes, try_axis
+from uvms_ocp.robot.shapes.penetration import Polytope, expand_polytope, try_axes, try_axis
 from uvms_ocp.robot.shapes.shape_pairs import shapes_in
 
 _SHIFT = 1e-3  # [m] that overlapping solids are taken apart by, for their nearest points
@@ -41,21 +41,25 @@ hierarchy would heed it.
 _STEP = 8  # sizes are multiples of it, so that models of about the same size share machine code
 
 
-def measure_solids(m: gjk.RelativePlacement, hull: Hull, a: gjk.Solid, b: gjk.Solid) -> None:
+def measure_solids(
+    m: gjk.RelativePlacement, polytope: Polytope, a: gjk.Solid, b: gjk.Solid
+) -> None:
     """Measure distance, normal and nearest point of A, balls included, in the frame of A. A kernel."""
     gjk.place_relative(m, a, b)
     if not gjk.search_apart(m, a, b):
-        overlap_solids(m, hull, a, b)
+        overlap_solids(m, polytope, a, b)
     m.distance -= a.ball + b.ball
     for i in range(3):
         m.at[i] += a.ball * m.normal[i]
 
 
-def overlap_solids(m: gjk.RelativePlacement, hull: Hull, a: gjk.Solid, b: gjk.Solid) -> None:
+def overlap_solids(
+    m: gjk.RelativePlacement, polytope: Polytope, a: gjk.Solid, b: gjk.Solid
+) -> None:
     """Find the shallowest direction, and the points that part last along it. A kernel."""
     try_axes(m, a, b)
     if is_curved(a, b):
-        expand_polytope(hull, m, a, b)
+        expand_polytope(polytope, m, a, b)
     for _ in range(_POLISH if is_curved(a, b) else 1):
         separate_solids(m, a, b)
 
@@ -139,7 +143,7 @@ class DistanceMemory(Layout):
     """(n_chosen,) pairs that `chosen_distances` measures."""
     meeting: gjk.RelativePlacement
     """Relative placement of the pair measured last, in the frame of its first solid."""
-    hull: Hull
+    polytope: Polytope
     """Working memory of `expand_polytope`."""
 
 
@@ -171,7 +175,7 @@ def place_solid(s: gjk.Solid, placements: Vector) -> None:
     first = 12 * s.joint
     for i in range(9):
         R[i] = placements[first + i]
-    gjk.rotated(R, s.p_JS, p)
+    gjk.rotate(R, s.p_JS, p)
     for i in range(3):
         s.p[i] = placements[first + 9 + i] + p[i]
         for j in range(3):
@@ -185,9 +189,9 @@ def distance_of(distances: DistanceMemory, k: int) -> float:
     pair = distances.pairs[k]
     meeting = distances.meeting
     a, b = distances.solids[pair.first], distances.solids[pair.second]
-    measure_solids(meeting, distances.hull, a, b)
-    gjk.rotated(a.R, meeting.normal, pair.normal)
-    gjk.rotated(a.R, meeting.at, pair.at)
+    measure_solids(meeting, distances.polytope, a, b)
+    gjk.rotate(a.R, meeting.normal, pair.normal)
+    gjk.rotate(a.R, meeting.at, pair.at)
     for i in range(3):
         pair.at[i] += a.p[i]
     pair.known = True
@@ -205,10 +209,10 @@ def distance_lower_bound(distances: DistanceMemory, k: int) -> float:
     gjk.subtract(b.p, a.p, way)
     bound = math.sqrt(gjk.dot(way, way)) - a.size - b.size
     if pair.known:
-        gjk.turned_back(a.R, pair.normal, turned)
-        along = gjk.dot(pair.normal, way) - gjk.height(a, turned) - a.ball
-        gjk.turned_back(b.R, pair.normal, turned)
-        bound = max(bound, along - gjk.height(b, turned) - b.ball)
+        gjk.rotate_back(a.R, pair.normal, turned)
+        along = gjk.dot(pair.normal, way) - gjk.support_function(a, turned) - a.ball
+        gjk.rotate_back(b.R, pair.normal, turned)
+        bound = max(bound, along - gjk.support_function(b, turned) - b.ball)
     return bound
 
 
