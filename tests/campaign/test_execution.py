@@ -128,7 +128,7 @@ def test_on_a_cluster_of_others_only_the_run_that_ends_processes_by_itself_is_bl
 def test_an_address_where_nobody_answers_is_an_error_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("uvms_ocp.campaign.cluster._PATIENCE", 1.0)
+    monkeypatch.setattr("uvms_ocp.campaign.cluster._CONNECTION_TIMEOUT", 1.0)
     work = TrivialRuns()
     with pytest.raises(OutputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         run_jobs(tmp_path / "out", identity_of(work, 3), work, scheduler="tcp://127.0.0.1:9")

@@ -34,18 +34,18 @@ from uvms_ocp.record.table_files import CAMPAIGN_EXTRA
 from uvms_ocp.types import Range
 
 DEATHS = 3
-"""Deaths of workers after which a run is taken for the cause. A cluster of others has its own
-number.
+"""Deaths of workers after which a run is taken for the cause, on this machine; a cluster at an
+address has its own number.
 """
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
-    # no run waits on a worker, where it would be blamed for another's end
+    # A run that waits on a worker would be blamed when another run ends that worker: none waits.
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.daemon": True,
     "distributed.comm.retry.count": 3,
     "distributed.admin.log-format": "%(message)s",
 }
-_PATIENCE = 30.0  # [s] for a scheduler to answer
+_CONNECTION_TIMEOUT = 30.0  # [s] for a scheduler to answer
 
 Progress = Callable[[int, int, int], None]
 """Function that gets the numbers of finished, of failed and of all runs."""
@@ -68,14 +68,15 @@ def dask() -> Any:
 
 
 def connected(scheduler: str | None, workers: int | None) -> AbstractContextManager[Any]:
-    """Connect a `distributed.Client` of the cluster at an address, or of as many `workers` of this
-    machine as it has processors.
+    """Connect a `distributed.Client` to the scheduler at an address, or to `workers` processes of this
+    machine, by default one for each processor.
 
-    Raises `OutputError` where nobody answers at the address, `InvalidInput` for an empty address
-    and for an address and a number of workers, and `UvmsError` where workers end as they start.
+    Raises `OutputError` where nobody answers at the address, `InvalidInput` for an empty address and
+    where both an address and a number of workers are given, and `UvmsError` where workers end as
+    they start.
     """
     if scheduler is None:
-        return _of_this_machine(workers or n_processors())
+        return _local_cluster(workers or n_processors())
     if workers is not None:
         raise InvalidInput(
             f"workers = {workers} with a scheduler; a cluster has its own: leave it out"
@@ -84,26 +85,26 @@ def connected(scheduler: str | None, workers: int | None) -> AbstractContextMana
         raise InvalidInput(
             "scheduler is empty; give the address of a Dask cluster such as tcp://host:8786"
         )
-    return _client(scheduler)
+    return _remote_client(scheduler)
 
 
 @contextmanager
-def _of_this_machine(workers: int) -> Iterator[Any]:
+def _local_cluster(workers: int) -> Iterator[Any]:
+    """Start workers on this machine, and connect a client to them."""
     distributed = dask()
-    import dask as settings
+    from dask import config
 
-    with settings.config.set(_SETTINGS), tempfile.TemporaryDirectory(prefix="uvms_ocp_") as folder:
+    with config.set(_SETTINGS), tempfile.TemporaryDirectory(prefix="uvms_ocp_") as folder:
         try:
-            with held_back(), _not_heard_by_children():
+            with held_back(), _ctrl_c_blocked():
                 cluster = distributed.LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
                     processes=True,
                     host="127.0.0.1",
                     dashboard_address=None,
-                    scheduler_kwargs={
-                        "dashboard_address": "127.0.0.1:0"
-                    },  # its other pages, beside another campaign's
+                    # any free port: another campaign may run on this machine
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                     local_directory=folder,
                     silence_logs=50,
                     preload=["uvms_ocp.campaign.cluster"],
@@ -118,14 +119,15 @@ def _of_this_machine(workers: int) -> Iterator[Any]:
 
 
 @contextmanager
-def _not_heard_by_children() -> Iterator[None]:
+def _ctrl_c_blocked() -> Iterator[None]:
     """Keep Ctrl-C from threads and processes that are started within: a terminal sends it to all,
     and each would end with a traceback of its own.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # which would unblock it in the thread that starts workers
+    # Started later, the tracker would unblock Ctrl-C in the thread that starts workers.
+    resource_tracker.ensure_running()
     mask_before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -133,9 +135,10 @@ def _not_heard_by_children() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask_before)
 
 
-def _client(address: str) -> Any:
+def _remote_client(address: str) -> Any:
+    """Connect a client to the scheduler at an address. Raises `OutputError` where none answers."""
     try:
-        return dask().Client(address, timeout=_PATIENCE)
+        return dask().Client(address, timeout=_CONNECTION_TIMEOUT)
     except (OSError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:200]
         raise OutputError(
@@ -166,7 +169,7 @@ def run_jobs(
         arrow()
         from uvms_ocp.campaign.dispatch import Dispatch
     with ExitStack() as resources:
-        # Nobody at the address is found out before there is a folder.
+        # Before the folder is made, so that a wrong address leaves none behind.
         if scheduler is None:
             client = None
         else:
@@ -189,7 +192,7 @@ def run_jobs(
         report_progress()
         if len(folder.left):
             if client is None:
-                warn_if_slower()  # which workers would not say
+                warn_if_slower()  # here, as workers do not print it
                 client = resources.enter_context(connected(None, workers))
             Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(
                 folder.left.tolist(), report_progress

@@ -22,27 +22,31 @@ from uvms_ocp.sim import (
 )
 
 AXES = tuple(enumerate("xyz"))
-_TURNS = tuple(enumerate(("roll", "pitch", "yaw")))
+_ANGLES = tuple(enumerate(("roll", "pitch", "yaw")))
 
 
 def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
-    """Yield offsets from the scenario's places. Controller and mission know nothing of the offsets of
-    floor and obstacles.
+    """Yield the parameters that are added to the start, the height of the floor and the positions of
+    obstacles. Controller and mission are not told of those of floor and obstacles.
     """
     robot = scenario.robot
     if robot.n_vehicle:
         for axis, name in AXES:
             meaning = f"added to {name} of the vehicle at the start, in W"
-            yield Parameter(f"start.{name}", "m", meaning, partial(_moved, axis))
-        for axis, name in _TURNS:
-            meaning = f"turn of the vehicle at the start about its {'xyz'[axis]}"
-            yield Parameter(f"start.{name}", "rad", meaning, partial(_turned, axis))
+            yield Parameter(f"start.{name}", "m", meaning, partial(_with_moved_start, axis))
+        for axis, name in _ANGLES:
+            axis_name = "xyz"[axis]
+            meaning = f"turn of the vehicle at the start about its {axis_name}"
+            yield Parameter(f"start.{name}", "rad", meaning, partial(_with_turned_start, axis))
     for joint in robot.joints:
         if joint.n_v == 1:
             name = f"start.{joint_axis(robot, joint.name)}"
             unit = "m" if joint.slides else "rad"
             yield Parameter(
-                name, unit, "added to this joint at the start", partial(_bent, joint.idx_v)
+                name,
+                unit,
+                "added to this joint at the start",
+                partial(_with_moved_joint, joint.idx_v),
             )
     if isinstance(scenario.environment.seafloor, FlatSeafloor | HeightField):
         yield Parameter("floor.z", "m", "added to the height of the floor", _with_floor)
@@ -57,27 +61,30 @@ def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
             )
 
 
-def _moved(axis: int, scenario: Scenario, value: float) -> Scenario:
+def _with_moved_start(axis: int, scenario: Scenario, value: float) -> Scenario:
     """Return the scenario with the start moved by a value [m] along an axis of W."""
     start = np.array(scenario.start)
     start[axis] += value
     return replace(scenario, start=start)
 
 
-def _turned(axis: int, scenario: Scenario, value: float) -> Scenario:
+def _with_turned_start(axis: int, scenario: Scenario, value: float) -> Scenario:
     """Return the scenario with the vehicle turned at the start by a value [rad] about its axis."""
     start = np.array(scenario.start)
     turn = pin.Quaternion(pin.exp3(value * np.eye(3)[axis]))
-    start[3:7] = (pin.Quaternion(*start[[6, 3, 4, 5]]) * turn).normalized().coeffs()
+    x, y, z, w = start[3:7]
+    attitude = pin.Quaternion(w, x, y, z) * turn
+    start[3:7] = attitude.normalized().coeffs()
     return replace(scenario, start=start)
 
 
-def _bent(index: int, scenario: Scenario, value: float) -> Scenario:
-    """Return the scenario with a joint moved at the start by a value [rad or m]; index: its velocity."""
+def _with_moved_joint(index: int, scenario: Scenario, value: float) -> Scenario:
+    """Return the scenario with a joint moved at the start by a value [rad or m]; index: of the joint's
+    rate among the velocities.
+    """
     model = scenario.robot.model
-    return replace(
-        scenario, start=pin.integrate(model, scenario.start, value * np.eye(model.nv)[index])
-    )
+    displacement = value * np.eye(model.nv)[index]
+    return replace(scenario, start=pin.integrate(model, scenario.start, displacement))
 
 
 def _with_floor(scenario: Scenario, value: float) -> Scenario:

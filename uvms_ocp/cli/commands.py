@@ -176,7 +176,9 @@ def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
 
 
 def _split_vectors(words: Sequence[str], vector_options: Collection[str]) -> Iterator[str]:
-    """Yield words, those of the vectors behind some options number by number."""
+    """Yield the words of a command line; the vector after one of the `vector_options` as one word for
+    each number.
+    """
     previous = ""
     for word in words:
         name, separator, value = word.partition("=")
@@ -193,8 +195,8 @@ def main() -> None:
     """Run the command line: the entry point of the console script."""
     if sys.stdout is None:  # closed by the caller
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
-    # Number of new objects between searches for garbage, which by default take a tenth of the time
-    # of imports and expressions.
+    # With Python's own threshold the garbage collector takes a tenth of the time of imports and
+    # expressions.
     gc.set_threshold(200_000)
     words = [word for word in sys.argv[1:] if word != _TRACEBACK]
     if "--json" in words:

@@ -1,5 +1,5 @@
-"""Write a mission of what a robot has: a way point for its vehicle, a target for each of its tools,
-and what is uncertain.
+"""Write a first mission for a robot: a way point for its vehicle, a target for each of its tools,
+and the variations of a campaign.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ _WAY_POINT = (3.0, 1.0, -8.0)  # [m] in W
 _YAW = 0.4  # [rad] of the vehicle at the way point
 _FLOOR = -10.0  # [m] z of the floor in W, unless a robot needs a deeper one
 _FLOOR_CLEARANCE = 1.2  # [m] at least, between the floor and all parts at their goals
-_FORWARD = 0.25  # [m] ahead of where a tool is at the way point, to its target
-_DOWN = 0.1  # [m] below it
-_JOINT_SHARE = 0.15  # of the range of each joint, to the target of an arm that stands
+_FORWARD = 0.25  # [m] from a tool, when the vehicle is at the way point, forward to its target
+_DOWN = 0.1  # [m] from there down to its target
+_JOINT_SHARE = 0.15  # motion to the target of a fixed arm, as a share of the range of each joint
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -101,8 +101,8 @@ class NewMission:
 
     @property
     def level_frame(self) -> str:
-        """Argument of tasks of the vehicle where ``base_link`` does not lie as the vehicle does:
-        the frame of the root.
+        """Argument ``frame=ROOT`` of the tasks of the vehicle; empty where ``base_link`` has the
+        orientation of the root, so that tasks may use their default frame.
         """
         kinematics = Kinematics(self.robot, self.robot.configuration())
         R_WB = kinematics.pose(roles.BASE).rotation
@@ -250,7 +250,9 @@ class NewMission:
         return [f"{name}{mark}{number}" for number in range(1, n_tools + 1)]
 
     def _tasks(self) -> Iterator[tuple[str, str]]:
-        """Yield lines, each with the name of its task, if it is one."""
+        """Yield the lines of the list of tasks, each with the name of its task; an empty name for a
+        comment.
+        """
         robot = self.robot
         level_frame = self.level_frame if robot.n_vehicle else ""
         frame_argument = f", {level_frame}" if level_frame else ""
@@ -361,7 +363,7 @@ def _quoted(name: str) -> str:
 def loading_line(
     file: Path, robot: Path, hydrodynamics: str | None, loading: Mapping[str, Any]
 ) -> tuple[str, str]:
-    """Return the expression for ROBOT and the statement that loads it, for a mission's file."""
+    """Return the source for `NewMission.place` and `NewMission.load`, for a mission in `file`."""
 
     def relative_path(path: Path) -> str:
         return os.path.relpath(path.resolve(), file.resolve().parent).replace(os.sep, "/")
@@ -387,8 +389,8 @@ def loading_line(
 
 
 def variations_text(mission: NewMission) -> str:
-    """Write the variations of a robot's mission, without the lines about what the robot, or its
-    plant, has not.
+    """Write the variations of a robot's mission: the template without the lines that need a part
+    which the robot, or its plant, does not have.
     """
     robot = mission.robot
     text = (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")

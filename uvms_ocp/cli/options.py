@@ -167,7 +167,7 @@ class RobotFiles:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of a scenario from those about files that were given."""
+        """Options of a scenario for the robot's files: those that were given, as keyword arguments."""
         return given_options(hydrodynamics=self.hydrodynamics, loading=self.loading or None)
 
 
@@ -221,7 +221,9 @@ class ScenarioOptions(RobotFiles):
 
     @property
     def chosen(self) -> dict[str, Any]:
-        """Options of a scenario from all that were given."""
+        """Options of a scenario for its robot, plant and water: those that were given, as keyword
+        arguments.
+        """
         return given_options(
             robot=self.robot,
             **self.options,

@@ -1,18 +1,17 @@
-"""Check a motion against its problem, at the nodes and between them, by these two alone.
+"""Check a motion against the limits and constraints of its problem, at the nodes and between them.
 
-Nothing of a solver is known here: no transcription, planes, scalings or multipliers. What the
-motion is between nodes is what `Trajectory.state_at` says. Of each kind of range it is found by how
-much it is left, where and when:
+The check knows nothing of a solver: no transcription, planes, scalings or multipliers. The motion
+between nodes is that of `Trajectory.state_at`. For each kind of range it finds the largest excess,
+where and when it occurs:
 
 - joint positions are parabolas over a step and velocities straight lines: their peaks are exact;
-- forces are those of inverse dynamics at the state between the nodes, and rows of terms those of
-  the term there: looked at densely, and more closely where they come near their range;
-- shapes and the links among themselves are measured by coal, and no point of them moves faster than
-  its reach: intervals are halved until that excludes more than `FINE`, or are too short.
+- forces, by inverse dynamics, and rows of terms are sampled between the nodes, more densely where
+  they come near their range;
+- distances of shapes are measured by coal: no point of a link moves faster than its reach allows, so
+  that intervals are halved until they exclude an excess of more than `FINE`, or are too short.
 
-What a start that is given breaks by itself is no fault of the motion: in the first step only what
-goes beyond it counts. Forces are the motion's own from the first moment on: it chooses its
-acceleration there.
+A fixed start may break limits by itself. In the first step only what goes beyond that counts; forces
+count from the first moment on, as the motion chooses its acceleration there.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ def motion_check(problem: OcpProblem, trajectory: Trajectory, *, t0: float = 0.0
         ranges += [check_positions(motion), check_velocities(motion), check_accelerations(motion)]
         ranges += check_forces(motion)
     return MotionCheck(
-        ranges=(*ranges, *_constraints(motion)),
+        ranges=(*ranges, *_check_constraints(motion)),
         time_resolution=float(motion.h.max() / motion.looks),
     )
 
@@ -50,17 +49,18 @@ def motion_check(problem: OcpProblem, trajectory: Trajectory, *, t0: float = 0.0
 def between_checks(
     problem: OcpProblem, trajectory: Trajectory, *, t0: float = 0.0
 ) -> tuple[RangeCheck, ...]:
-    """Check what may be left between nodes though it is kept at them: positions, forces and
-    constraints; see `motion_check`.
+    """Check the ranges that a motion may exceed between nodes though it keeps them at the nodes:
+    positions, forces and constraints; see `motion_check`.
     """
     motion = Motion(problem=problem, trajectory=trajectory, t0=t0)
     limits = []
     if problem.limited:
         limits = [check_positions(motion), *check_forces(motion)]
-    return (*limits, *_constraints(motion))
+    return (*limits, *_check_constraints(motion))
 
 
-def _constraints(motion: Motion) -> list[RangeCheck]:
+def _check_constraints(motion: Motion) -> list[RangeCheck]:
+    """Check all constraints of the problem: distances of shapes, and rows of terms."""
     checks = []
     for term in motion.problem.constraints:
         if isinstance(term, ShapeClearance):

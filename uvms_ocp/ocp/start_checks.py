@@ -32,7 +32,7 @@ def impossible_start(problem: OcpProblem) -> str | None:
         return None
     phase = problem.phases[0]
     shortest, longest = (duration / phase.n_steps for duration in phase.range)
-    return _too_fast(problem, longest) or _too_near(problem, shortest, longest)
+    return _too_fast(problem, longest) or _leaves_range(problem, shortest, longest)
 
 
 def _too_fast(problem: OcpProblem, h: float) -> str | None:
@@ -52,9 +52,10 @@ def _too_fast(problem: OcpProblem, h: float) -> str | None:
     )
 
 
-def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | None:
-    """Describe a joint that is out of its range after any step from shortest to longest [s]: after a
-    short step it may not have left it yet, after a long one it may have come back.
+def _leaves_range(problem: OcpProblem, shortest: float, longest: float) -> str | None:
+    """Describe a joint that is out of its range at the end of the first step, for every duration of
+    it from shortest to longest [s]: after a short step it may not have left the range yet, after a
+    long one it may have come back.
     """
     robot = problem.robot
     limits = robot.limits
@@ -84,10 +85,11 @@ def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | Non
 def _smallest_displacement(
     v: float, a: float, speed: float, shortest: float, longest: float
 ) -> float:
-    """Return the smallest displacement after any step from shortest to longest, from velocity v with
-    deceleration a, backwards at most at `speed`.
+    """Return the smallest displacement at the end of a step of any duration from shortest to longest
+    [s]: v [unit of the axis / s] at its begin, falling by at most a per second, down to -speed.
 
-    It is concave in the step except at the one where that speed is met, so that these three decide.
+    As a function of the duration the displacement is concave up to the one at which -speed is
+    reached, and from there on: the least is at one of both ends or at that duration.
     """
     kink = (v + speed) / a if np.isfinite(a) else 0.0
     kink_in_range = min(max(kink, shortest), longest)
@@ -127,11 +129,11 @@ def _largest_lack(term: ShapeClearance, problem: OcpProblem) -> tuple[float, str
 
 
 def check_goal(scene: CollisionScene, goal: Goal, start: np.ndarray) -> None:
-    """Raise `InvalidInput`, with shapes and depth, where shapes whose places the goal decides would
+    """Raise `InvalidInput`, with names and depth, where shapes whose poses the goal determines would
     touch; start (n_q,) [m, rad].
 
-    A posture decides those of the vehicle and joints that it names; a pose of a tool those on the
-    tool's link; a position of a tool only the point itself.
+    A posture determines the shapes of the vehicle and of the joints that it names, a pose of a tool
+    those of the tool's link, and a position of a tool no shape but the point itself.
     """
     if isinstance(goal, ToolGoal):
         _check_tool(scene, goal)
@@ -144,8 +146,8 @@ def start_distances(scene: CollisionScene, start: np.ndarray) -> np.ndarray:
 
 
 def goal_distances(scene: CollisionScene, goal: Goal, start: np.ndarray) -> np.ndarray:
-    """Return distances (n_pairs,) [m] of pairs of shapes whose places the goal, a posture, decides;
-    infinite for others. start (n_q,) [m, rad].
+    """Return distances (n_pairs,) [m] of the pairs of shapes whose poses a posture determines,
+    infinite for others; all are infinite for a goal of a tool. start (n_q,) [m, rad].
     """
     if isinstance(goal, ToolGoal):
         return np.full(scene.n_pairs, np.inf)
@@ -161,8 +163,8 @@ def goal_distances(scene: CollisionScene, goal: Goal, start: np.ndarray) -> np.n
 
 
 def _determined_joints(robot: Robot, goal: PostureGoal) -> set[int]:
-    """Return the joints whose places the goal decides: the world, and joints that the goal names
-    together with all before them.
+    """Return the joints whose poses the goal determines: the world, and joints that the goal names
+    together with all joints before them.
     """
     determined = {0}
     model = robot.model

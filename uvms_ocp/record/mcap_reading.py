@@ -1,5 +1,7 @@
-"""Read the messages of MCAP files of anyone in the order that they stand there, unpacked chunk by
-chunk within what each chunk declares.
+"""Read messages from MCAP files of any origin, in the order of the file.
+
+Chunks are unpacked one at a time and only up to the size that each declares, so that a damaged or
+hostile file cannot fill the memory.
 """
 
 from __future__ import annotations
@@ -13,15 +15,15 @@ from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.record.untrusted import DENSEST, SMALL
 
 LARGEST_CHUNK = 64 << 20
-"""[B] when unpacked; writers close one after 1 to 4 MB."""
+"""[B] largest unpacked size of a chunk that is read; usual writers make chunks of 1 to 4 MB."""
 _WINDOW = 1 << 27  # [B] that zstd may look back
 
 
 def mcap_messages(
     path: Path, topics: Collection[str] | None = None
 ) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield schema (none for messages that need none), channel and message, of these topics or of
-    all.
+    """Yield schema, channel and message of each message, of these topics or of all; the schema is
+    `None` for an encoding that needs none.
 
     Raises `InvalidInput` for a file that unpacks to far more than it is, and what the library
     raises for a damaged one.
@@ -43,8 +45,10 @@ def mcap_messages(
 
 
 def mcap_topics(path: Path) -> tuple[str, ...]:
-    """Return all topics of a file, sorted. Raises `InvalidInput` and others, as `mcap_messages`
-    does.
+    """Return all topics of a file, sorted.
+
+    Raises `InvalidInput` for a file that unpacks to far more than it is, and what the library
+    raises for a damaged one.
     """
     require_mcap()
     from mcap.records import Channel
@@ -54,6 +58,7 @@ def mcap_topics(path: Path) -> tuple[str, ...]:
 
 
 def _records(path: Path) -> Iterator[Any]:
+    """Yield the records of a file, those within chunks too."""
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader, breakup_chunk
 
@@ -116,6 +121,6 @@ def _first_bytes(chunk: Any, size: int) -> bytes:
 
 
 def require_mcap() -> None:
-    """Raise `NotInstalled` where any of them is missing."""
+    """Raise `NotInstalled` where one of the libraries that read MCAP files is missing."""
     for name in ("mcap", "mcap_protobuf"):
         optional_module(name, "an MCAP file", '"uvms-ocp[mcap]"')

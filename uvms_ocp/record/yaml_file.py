@@ -22,12 +22,12 @@ from uvms_ocp.record.untrusted import read_text
 LARGEST_YAML = 16 << 20
 """[B] largest file."""
 MOST_VALUES = 500_000
-"""Largest number of values of a file, keys included, each counted as often as anchors repeat it: a
-mesh of 60,000 triangles.
+"""Largest number of values of a file, enough for a mesh of 60,000 triangles. Keys count, and a value
+with an anchor counts each time that an alias repeats it.
 """
 DEEPEST_YAML = 32
 """Largest number of nested levels of a file."""
-_LONGEST_NUMBER = 100  # characters
+_LONGEST_NUMBER = 100  # characters of an integer: reading it takes the square of them
 _INTEGER = "tag:yaml.org,2002:int"
 # The constructors of PyYAML raise the last three for a date such as 2001-99-99.
 _PARSE_ERRORS = (
@@ -95,12 +95,13 @@ def read_yaml(path: Path | str, loader: Any = BoundedLoader) -> object:
         raise ValueError(" ".join(f"not valid YAML: {error}".split())[:400]) from None
 
 
+# Parsed values by text and loader. `read_yaml` copies them, as callers may change what they get.
 _parsed = lru_cache(maxsize=4)(yaml.load)
 
 
 def read_yaml_as(path: Path, model: type[_Model]) -> _Model:
-    """Read the content of a file as a model. Raises `InvalidInput` in one line, with the file's
-    name, for what is none.
+    """Read the content of a file as a model of pydantic. Raises `InvalidInput` in one line, with the
+    file's name, where it is no YAML or does not fit the model.
     """
     try:
         return model.model_validate(read_yaml(path))

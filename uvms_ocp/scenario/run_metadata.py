@@ -33,9 +33,9 @@ Markers = Mapping[str, tuple[float, float, float]]
 
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
-_FLOOR_AROUND = 12.0  # [m] width around the mission of a floor that is not flat, kept in records
-_WAY_STEP = 0.1  # [s] between places of a goal that moves
-_MOST_PLACES = 3000
+_FLOOR_MARGIN = 12.0  # [m] around the mission to which records keep a floor that is not flat
+_PATH_STEP = 0.1  # [s] between samples of a goal that moves
+_MOST_SAMPLES = 3000  # of a goal that moves
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -112,8 +112,8 @@ def run_meta(
     allowed_stds = partial(quantity_stds, setup, ending.q)
 
     def spreads() -> dict[str, float]:
-        """Compute standard deviations with what no reading shows: declared constant errors, and
-        jumps of channels that came back.
+        """Compute standard deviations of quantities, with errors that no reading shows: declared
+        biases, and jumps of channels that came back.
         """
         unseen = np.hypot(declared_bias(robot, setup.sensors), monitor.unexplained)
         if ending.std is None:
@@ -178,8 +178,8 @@ def run_meta(
 def energy_used(
     series: Mapping[str, np.ndarray], state: MissionState, t: float
 ) -> dict[str, float]:
-    """Return the `ENERGIES` [J] at t [s] as the plant has them, in a state of the mission; none
-    where it has none.
+    """Return the `ENERGIES` [J] at t [s]: the total, and that since the mission's phase began; empty
+    for a plant without energies.
     """
     if not {"thruster_energy", "joint_energy"} <= series.keys():
         return {}
@@ -277,10 +277,10 @@ def _place(setup: Setup, q: np.ndarray) -> np.ndarray:
 
 
 def _goal_frames(mission: Mission, end: float) -> Iterator[meta_values.FrameMeta]:
-    """Yield the goals of all tasks that have a pose for one, those of phases too, with their ways
-    until `end` [s], if they move.
+    """Yield the goals of all tasks whose goal is a pose, and the goals that phases set in their place;
+    goals that move have their path until `end` [s].
     """
-    t = np.linspace(0.0, end, 2 + min(int(end / _WAY_STEP), _MOST_PLACES))
+    t = np.linspace(0.0, end, 2 + min(int(end / _PATH_STEP), _MOST_SAMPLES))
     for task in mission.hierarchy.tasks:
         if not isinstance(task, (PoseTask, ToolPosition)):
             continue
@@ -291,7 +291,9 @@ def _goal_frames(mission: Mission, end: float) -> Iterator[meta_values.FrameMeta
 
 
 def _goal_frame(task: str, goal: Any, phase: str | None, t: np.ndarray) -> meta_values.FrameMeta:
-    """Return a goal of a task, in a phase or in all of them, with its way at the times (n,) [s]."""
+    """Return a goal of a task in one phase, or in all where `phase` is `None`; of a goal that moves with
+    its path at the times (n,) [s].
+    """
     name = f"goal of {task}"
     if phase is not None:
         name += f" in {phase}"
@@ -305,11 +307,11 @@ def _goal_frame(task: str, goal: Any, phase: str | None, t: np.ndarray) -> meta_
 
 
 def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.FloorRelief | None:
-    """Return the floor around the way from the start to the configuration `end` (n_q,), and around
-    the markers.
+    """Return the floor of a rectangle around the start, the configuration `end` (n_q,) and the
+    markers.
     """
     points = [_place(setup, setup.start), _place(setup, end)]
     points += [np.array(point[:2]) for point in markers.values()]
-    low = np.min(points, axis=0) - _FLOOR_AROUND
-    high = np.max(points, axis=0) + _FLOOR_AROUND
+    low = np.min(points, axis=0) - _FLOOR_MARGIN
+    high = np.max(points, axis=0) + _FLOOR_MARGIN
     return floor_relief(setup.environment.seafloor, low, high)

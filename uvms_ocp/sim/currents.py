@@ -36,7 +36,9 @@ class Current(Protocol):
     __slots__ = ()
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Take back what a class inherits about its field, where it has a `velocity` of its own."""
+        """Reset `uniform_flow` and `is_steady` to those of `Current` in a class that overrides
+        `velocity` and not these.
+        """
         # A class made of `UniformCurrent` that overrides `velocity` alone would else be flown as
         # the uniform current that it no longer is, without a word. Stated here, it holds for every
         # class that users write, whoever asks, and costs a tick nothing.
@@ -267,10 +269,11 @@ class GustyCurrent(Current):
     """Gusts on top of another current, the same everywhere: a first-order Gauss-Markov process.
 
     The process is drawn at nodes `step` apart and joined by cubics, so that velocity and rate are
-    continuous. Gusts carry water through a base that varies from place to place, which stays where
-    it is: a vertical one through the layers of a `ShearedCurrent` accelerates the water sideways. A
-    pure function of t >= 0: nodes are drawn in their order whatever the order of the questions,
-    then kept. Raises `InvalidInput` for a sigma below 0 or a time that is not > 0.
+    continuous. It is a pure function of t >= 0: nodes are drawn in order, whatever the order of calls,
+    and kept. The base is not carried along by gusts, and water that gusts carry through it
+    accelerates: sideways, where a vertical gust crosses the layers of a `ShearedCurrent`.
+
+    Raises `InvalidInput` for a sigma below 0 or a time that is not > 0.
     """
 
     base: Current = field(default_factory=StillWater)
@@ -351,7 +354,9 @@ class _Path:
 
 
 def _flow(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """Return velocities (..., 3) [m/s], checked to be such as water may have."""
+    """Return velocities of the given shape (..., 3) [m/s]. Raises `InvalidInput` where they are not
+    finite or faster than any sea.
+    """
     array = finite_array(what, values, shape)
     scale = max(1.0, float(np.abs(array).max(initial=0.0)))  # so that squares are numbers
     speed = scale * float(np.linalg.norm(array / scale, axis=-1).max(initial=0.0))

@@ -35,8 +35,8 @@ _DETERMINED_BY_GOAL = "_determined_by_goal"
 def determined_by_goal(reference: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     """Declare that a task's `reference` depends on its `goal` and on time alone.
 
-    It is then asked once in a phase for a goal that rests, and sampled for one that tells its
-    `end`; any other one is asked at every tick.
+    A controller then calls it once in a phase if the goal is at rest, and samples it beforehand if
+    the goal moves until a known `end`; other references it calls at every tick.
     """
     setattr(reference, _DETERMINED_BY_GOAL, True)
     return reference
@@ -61,41 +61,39 @@ class Task(ABC):
     needs_altimeter: ClassVar[bool] = False
     """True where it reads the range of the altimeter."""
     symbolic_numbers: ClassVar[tuple[str, ...] | None] = None
-    """Fields of which each is one number, and that `rows` gets as CasADi symbols, so that other
-    values of them compile nothing.
+    """Names of scalar fields that `rows` gets as CasADi symbols in place of numbers: tasks that
+    differ in these alone share compiled rows.
 
-    Declare it in a class, even as ``()``, whose `rows` depend on its fields alone, and on a `goal`
-    by `parameters` alone: its rows are then shared by all tasks with the same other fields. It is
-    not inherited, as a class with `rows` of its own may want numbers; `None` promises nothing.
+    Declare it, even as ``()``, in a class whose `rows` depend on its fields alone, and on a `goal`
+    only through `parameters`. Subclasses do not inherit it, as `rows` of their own may need numbers.
+    `None`: rows are compiled for each task.
     """
 
     @property
     def rest_altitude(self) -> float:
-        """[m] at which a task that reads the altimeter lets nothing sink; it stands in until the
-        first echo has come.
+        """[m] altitude at which a task that reads the altimeter asks for no descent; it is used until
+        the first echo has come.
         """
         return 0.0
 
     @property
     def nearest_pairs(self) -> NearestPairs | None:
-        """The distances that this task asks to be measured at every tick, if any: the last of its
-        parameters.
+        """Pairs whose distances are to be measured at every tick, if any; the distances are the last
+        of the task's parameters.
         """
         return None
 
     @property
     def is_constant(self) -> bool:
-        """True where `reference` is the same at all times, so that a phase asks for it once:
-        without a goal that moves.
-
-        Never of a class with a `reference` of its own that is not `determined_by_goal`.
+        """True where `reference` is the same at all times: it is determined by the goal, and the
+        goal does not move.
         """
         return self.follows_goal_alone and not callable(getattr(self, "goal", None))
 
     @property
     def follows_goal_alone(self) -> bool:
-        """True where `reference` depends on the goal alone, as `determined_by_goal` declares: in a
-        class that overrides it without that, never.
+        """True where the `reference` of this class was declared by `determined_by_goal`; an override
+        has to be declared anew.
         """
         return bool(getattr(type(self).reference, _DETERMINED_BY_GOAL, False))
 
@@ -117,8 +115,8 @@ class Task(ABC):
         )
 
     def position_limit(self, robot: Robot) -> PositionLimit | None:
-        """Return the limit on positions that this task stands for; None where it is none beyond the
-        joints' own.
+        """Return the limit on positions that this task keeps; `None` for a task that keeps none but
+        those of the joints.
         """
         return None
 
@@ -129,8 +127,8 @@ class Task(ABC):
     @determined_by_goal
     @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
-        """Return the goal at time t [s] as parameters (n_parameters,); those of `nearest_pairs` say
-        that nothing is near.
+        """Return the goal at time t [s] as parameters (n_parameters,); where they end with distances
+        of `nearest_pairs`, these are those of pairs that are far apart.
         """
         return np.zeros(0)
 

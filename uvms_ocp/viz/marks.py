@@ -23,9 +23,9 @@ _PHASE = "phase of a record"
 _IN_TIME: dict[str, Any] = {"xycoords": ("data", "axes fraction")}
 """Coordinates of a note: a time, and a share of the panel's height."""
 
-_FEW = 12  # stays in phases that are each named, however short
-_MANY = 60  # stays in phases that no lines part any more: they were a grey page
-_LEFT = 0.775  # share of a figure's width that one panel has before labels are laid out
+_FEW = 12  # spans up to which each is named, however short
+_MANY = 60  # spans up to which lines separate them; more lines would make the panel grey
+_DEFAULT_WIDTH = 0.775  # share of a figure's width that one panel has before the layout
 _LETTER = 0.055  # [in] mean width of a letter in a phase's label
 _HANDLE = 5  # letters that the line before a legend's text takes
 _ABOVE_PHASES = 13  # [points] height of the names of phases
@@ -39,7 +39,7 @@ def mark_time(
     """Mark phases and faults on every panel.
 
     named: write their names above the first. letters_beside: length of the longest text beside the
-    panels, but for legends, which leaves less room for names.
+    panels, legends aside: it leaves less room for names.
     """
     shade_phases(axes, phase_spans(record), named=named, letters_beside=letters_beside)
     names_by_start: dict[float, list[str]] = {}
@@ -63,7 +63,7 @@ def space_above(record: Record) -> float:
 def _name_moment(axis: Axes, start: float, text: str, line: int) -> None:
     """Name a moment above the names of the phases, to its right, or its left in the second half.
 
-    start [s]. line: names of other moments that are below.
+    start [s]. line: number of names of other moments that are below it.
     """
     begin, end = axis.get_xlim()
     height = _ABOVE_PHASES + _LINE * line
@@ -83,7 +83,7 @@ def shade_phases(
     """Colour the phases behind every panel.
 
     named: write their names above the first. letters_beside: length of the longest text beside the
-    panels, but for legends, which leaves less room for names.
+    panels, legends aside: it leaves less room for names.
 
     Panels that show the phases of another record already keep those, and become as long as both.
     """
@@ -102,8 +102,9 @@ def shade_phases(
         axis.set_xlim(spans[0].start, spans[-1].end)
     if not named:
         return
-    # Share of the figure, with what is beside the panel, before all is laid out.
-    figure_share = axes[0].get_position().width / _LEFT
+    # The layout comes later: estimate the width of the panel from its share of the figure, and from
+    # the letters that stand beside it.
+    figure_share = axes[0].get_position().width / _DEFAULT_WIDTH
     letters_beside += _letters_of_legends(axes)
     width = 0.88 * inches(axes[0].figure) * figure_share - points(_LETTER) * letters_beside
     _name_phases(axes[0], spans, width)
@@ -163,8 +164,8 @@ def n_curves(axis: Axes) -> int:
 
 
 def threshold(axis: Axes, value: float, text: str, place: float = 0.0) -> None:
-    """Draw a dashed line at `value` [unit of the axis], with its meaning written on it at that
-    share of its length.
+    """Draw a dashed line at `value` [unit of the axis], with its meaning `text` written on it; place:
+    where the text begins, as a share of the width of the panel.
     """
     axis.axhline(value, color=THRESHOLD, lw=PLAIN, ls=(0, (5, 3)), zorder=1.5)
     # Over curves that run through the text.

@@ -15,8 +15,8 @@ from uvms_ocp.types import Array
 
 # A rough tolerance: a line search follows each step, and the next tick makes another.
 _QP_OPTIONS = StageQpOptions(tolerance=3e-4)
-# iterations after which the QP of a second step, which may be left out, is given up; QPs that need
-# more need up to 25
+# Iterations after which the QP of a second step is given up: the step may be left out, and QPs that
+# need more need up to 25.
 _FEW_ITERATIONS = 6
 # [1/unit of the row^2] weights of rows of levels above
 _SMALLEST_WEIGHT = 1e2
@@ -28,11 +28,15 @@ class StagewiseLevelModel:
     """A `uvms_ocp.solvers.nlp.real_time_sqp.LevelModel` on the memory of a horizon; a point holds the
     variables of all stages.
 
-    QPs start from the last one of their level, as mostly the same bounds are reached. Frozen rows
-    are kept by a penalty, whose weight is that with which the last QP would have missed them by an
-    eighth of the tolerance: hard rows would often have no solution where limits bind, and of two
-    narrow bounds a warm start would mostly guess the wrong one. Levels below the first whose
-    residuals have no forces take the slopes of forces from where the first was linearised.
+    A QP starts from the solution of the last one of its level, as it mostly reaches the same bounds.
+
+    Rows of levels above are kept by a penalty, not as constraints: those would often have no
+    solution where limits bind, and of two narrow bounds a warm start would mostly guess the wrong
+    one. The weight is chosen such that the last QP would have violated them by an eighth of the
+    tolerance.
+
+    Levels below the first whose residuals have no forces reuse the derivatives of the forces at the
+    point where the first was linearised.
     """
 
     slack = 0.0
@@ -64,7 +68,8 @@ class StagewiseLevelModel:
     def step(
         self, level: int, point: SqpPoint, bounds: RowBounds, damping: float
     ) -> NlpStatus | None:
-        """Solve the QP of a level for the step from a point; return the reason where there is none.
+        """Solve the QP of a level for the step from a point; return `None`, or why there is no step.
+
         damping [1/unit of z^2]: weight of the square of the step.
         """
         memory = self._memory
@@ -95,13 +100,13 @@ class StagewiseLevelModel:
         if not solution.status.usable:
             return NlpStatus.STALLED
         self._warm_starts[level] = solution.warm_start()
-        pull = float(np.linalg.norm(level_qp.multipliers_above(solution)))
-        weight = max(8.0 * pull / self._tolerance, _SMALLEST_WEIGHT)
+        force_above = float(np.linalg.norm(level_qp.multipliers_above(solution)))
+        weight = max(8.0 * force_above / self._tolerance, _SMALLEST_WEIGHT)
         self._weight_above[level] = min(weight, _LARGEST_WEIGHT)
         return None
 
     def moved(self, share: float) -> SqpPoint:
-        """Return the point after a share of the last step."""
+        """Return the point after the last step, shortened to `share` of its length."""
         self._memory.step_length[0] = share
         self._memory.move()
         self._memory.evaluate()

@@ -1,9 +1,9 @@
-"""Rows, costs and parameters of all terms that count at one kind of node.
+"""Rows and costs of all terms that count at one kind of node, and their parameters.
 
-Their functions have the parameters ``[active, rate, roots of weights, lower, upper, goals of all
-terms]``. `active` is 0 where the state is given, at the very first node, and 1 elsewhere; `rate` is
-1 / time [1/s] with the nominal time of the horizon for steps, and the share of half the last step
-in that time for ends of phases; bounds that there are not stand as 0.
+Parameters stand in this order: active, rate, roots of the weights, lower bounds, upper bounds, goals
+of all terms. `active` is 0 at the very first node where the state is fixed, and 1 elsewhere. `rate`
+turns costs into shares of the nominal time of the horizon: for steps 1 / that time [1/s], for ends of
+phases half of the last step / that time. Bounds that are infinite stand as 0.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class TermRows:
     members: tuple[TermEntry, ...]
     """Terms with rows there."""
     numbers: TermNumbers
-    """Numbers of the problem that was built in."""
+    """Weights, bounds and goals of the problem that the rows were written for."""
     kinds: RowKinds
     """Kinds of the rows: equalities, and which bounds the others have."""
     level: np.ndarray
@@ -101,7 +101,7 @@ class TermRows:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TermBlock:
-    """`TermRows` at the nodes where they count, which follow each other."""
+    """Rows of terms, and the consecutive nodes at which they count."""
 
     rows: TermRows
     nodes: np.ndarray
@@ -110,7 +110,7 @@ class TermBlock:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TermEntry:
-    """A term with rows at a kind of node, as it was built in."""
+    """A term that counts at a kind of node, with its symbolic residual."""
 
     place: int
     """Index among the terms of the problem."""
@@ -125,10 +125,10 @@ class TermEntry:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TermNumbers:
-    """Numbers that may differ between problems of one shape."""
+    """Weights, bounds and goals: they may differ between problems that share the same rows."""
 
     terms: tuple[Term, ...]
-    """Terms whose references are the goals."""
+    """Terms, whose references are the goals among the parameters."""
     roots: np.ndarray
     """(n_terms,) roots of the weights."""
     lower: np.ndarray
@@ -137,8 +137,8 @@ class TermNumbers:
     """(m,) weighted upper bounds of the rows."""
 
     def parameters(self, nodes: TermNodes, rate: float) -> np.ndarray:
-        """Return the parameters of nodes, one node after the other; rate [1/s or -]: see the
-        module.
+        """Return the parameters of the rows (n * n_parameters,), node after node, in the order that
+        the module gives; rate [1/s or -]: that of the module.
         """
         n = len(nodes.active)
         lower = np.where(np.isfinite(self.lower), self.lower, 0.0)
@@ -151,17 +151,17 @@ class TermNumbers:
 
 
 def _goals(term: Term, nodes: TermNodes) -> np.ndarray:
-    """Return the references of a term, node by node where it does not look at the motion: that
-    leaves out the check of all times.
-    """
-    if type(term).references is Term.references:
+    """Return the references of a term (n, n_goals) at the nodes."""
+    depends_on_time_alone = type(term).references is Term.references
+    if depends_on_time_alone:
+        # Asked node by node, as `references` would check all times at every call.
         reference = unchecked_method(term.reference)
         return np.array([reference(t) for t in nodes.times])
     return term.references(nodes.times, nodes.q, nodes.tightened.get(term))
 
 
 def term_numbers(terms: Sequence[Term], residuals: Sequence[Residual]) -> TermNumbers:
-    """Return the numbers of terms with these residuals, without their weights."""
+    """Return weights, weighted bounds and goals of terms whose residuals are not weighted yet."""
     roots = np.sqrt([term.weight for term in terms])
     lower = [np.zeros(0)]
     upper = [np.zeros(0)]
@@ -185,7 +185,7 @@ class TermNodes:
     active: Sequence[bool]
     """(n,) False where the state is given."""
     q: np.ndarray
-    """(n, n_q) [m, rad] configurations about which terms that follow the guess are written."""
+    """(n, n_q) [m, rad] configurations of the guess, for terms whose references depend on it."""
     tightened: Mapping[Term, NodeMargins]
     """Margins of the nodes beyond the ranges of terms; see `Term.references`."""
 
@@ -208,19 +208,20 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
 
 
 def eliminated_blocks(blocks: Sequence[TermBlock], model: StageModel) -> tuple[TermBlock, ...]:
-    """Write blocks in the symbols of a model that eliminates forces: terms are asked for their rows
-    once.
+    """Write blocks in the symbols of a model that eliminates forces, by substitution: terms are not
+    asked for their rows again.
+
+    Where forces are no variables of the blocks, their rows hold the equations of motion and have to
+    be written anew.
     """
-    if not blocks[0].rows.model.has_force_variables:  # rows hold the equations of motion instead
+    if not blocks[0].rows.model.has_force_variables:
         return term_blocks(model)
     z = ca.vertcat(model.z[: model.n_motion], *model.inputs)
     return tuple(replace(block, rows=_rows_at(block.rows, z, model)) for block in blocks)
 
 
 def _rows_at(term_rows: TermRows, z: ca.SX, model: StageModel) -> TermRows:
-    """Write rows in the symbols of another model, whose expressions z (n_z,) stand for their
-    variables.
-    """
+    """Substitute expressions z (n_z,) in the symbols of a model for the variables of rows."""
     expressions = [term_rows.rows, term_rows.costs, *term_rows.errors]
     rows, costs, *errors = ca.substitute(expressions, [term_rows.model.z], [z])
     return replace(term_rows, model=model, rows=rows, costs=costs, errors=tuple(errors))
@@ -273,8 +274,8 @@ def _term_rows(
 ) -> TermRows:
     """Write the rows of terms at one kind of node.
 
-    Costs on the path are integrals, as shares of the nominal time of the horizon; the last node,
-    which has no step of its own, counts as half of the last one.
+    Costs on the path are integrals over time, divided by the nominal time of the horizon. The end of
+    a phase has no step of its own: terms of the path are integrated there over half of the last one.
     """
     terms = [member.term for member in members]
     numbers = term_numbers(terms, [member.residual for member in members])
@@ -289,13 +290,12 @@ def _term_rows(
     rows = ca.vertcat(ca.SX(0, 1), *weighted)
     active = common[0]
     rate = common[1]
-    step = model.z[model.layout.h] if on_path else ca.SX(1)
-    shares = []
+    duration = model.z[model.layout.h] if on_path else ca.SX(1)
+    time_shares = []
     for term in terms:
-        shares.append(step * rate if term.at is At.PATH else ca.SX(1))
-    costs, errors = _costs(
-        len(model.problem.levels), members, (rows, lower, upper, kinds), shares, active
-    )
+        time_shares.append(duration * rate if term.at is At.PATH else ca.SX(1))
+    n_levels = len(model.problem.levels)
+    costs, errors = _costs(n_levels, members, (rows, lower, upper, kinds), time_shares, active)
     row_members = []
     for member in members:
         row_members += [member] * member.residual.n_rows
@@ -319,19 +319,20 @@ def _costs(
     n_levels: int,
     members: Sequence[TermEntry],
     parts: tuple[ca.SX, ca.SX, ca.SX, RowKinds],
-    shares: Sequence[ca.SX],
+    time_shares: Sequence[ca.SX],
     active: ca.SX,
 ) -> tuple[ca.SX, list[ca.SX]]:
     """Return the cost of every level (n_levels,), and the vectors whose half squares they are.
-    parts: rows, lower, upper, kinds.
+
+    parts: rows, lower, upper and kinds of all members, each (m,). time_shares: factor of each member.
     """
     costs = [ca.SX(0) for _ in range(n_levels)]
     errors = [ca.SX(0, 1) for _ in range(n_levels)]
     first = 0
-    for member, share in zip(members, shares, strict=True):
+    for member, time_share in zip(members, time_shares, strict=True):
         stop = first + member.residual.n_rows
         if member.level != CONSTRAINT:
-            scale = share * (active if member.term.state_only else 1)
+            scale = time_share * (active if member.term.state_only else 1)
             rows, lower, upper, kinds = [part[first:stop] for part in parts]
             costs[member.level] += scale * half_square(rows, lower, upper, kinds)
             error = ca.sqrt(scale) * signed_excess(rows, lower, upper, kinds)

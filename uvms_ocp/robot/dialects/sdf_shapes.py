@@ -15,8 +15,13 @@ from uvms_ocp.robot.dialects.urdf_writer import UrdfWriter, WrittenShape, words
 from uvms_ocp.robot.urdf_elements import DRAWN, Element, quoted, to_float, to_floats
 from uvms_ocp.robot.urdf_findings import Findings
 
-_WATER = 1000.0  # [kg/m3] default density of shapes with <inertial auto="true">
-_FILES = ("package://", "model://", "file://", "/")
+_DEFAULT_DENSITY = 1000.0  # [kg/m3] default density of shapes with <inertial auto="true">
+_COMPLETE = (
+    "package://",
+    "model://",
+    "file://",
+    "/",
+)  # beginnings of addresses that need no folder
 
 
 def read_inertia(findings: Findings, link: Element, name: str) -> pin.Inertia:
@@ -60,7 +65,7 @@ def _inertia_of_shapes(
 ) -> pin.Inertia:
     """Sum up the inertia of all collision shapes of a link; shapes without one are faults."""
     total = pin.Inertia.Zero()
-    density_of_link = _number(inertial, "density", _WATER, where)
+    density_of_link = _number(inertial, "density", _DEFAULT_DENSITY, where)
     for collision in link.findall("collision"):
         density = _number(collision, "density", density_of_link, where)
         X = read_pose(collision.find("pose"), f"{where} collision")
@@ -107,21 +112,24 @@ def _vector(element: Element, tag: str, where: str, default: str = "1 1 1") -> n
 def add_shapes(
     findings: Findings, writer: UrdfWriter, target: Element, link: Element, folder: Path
 ) -> None:
-    """Add the shapes of a link. folder: meshes are relative to it. Raises `InvalidInput`."""
+    """Add the shapes of a link of SDF to `target`, the link of the URDF.
+
+    folder: that of the SDF file, which addresses of meshes are relative to. Raises `InvalidInput`.
+    """
     for kind in DRAWN:
         for element in link.findall(kind):
             where = f"link {quoted(target.get('name', ''))} {kind}"
             X = read_pose(element.find("pose"), where)
             colour = _colour(element)
             for shape in element.findall("geometry/*"):
-                for written in _written(findings, shape, where, folder):
+                for written in _as_urdf(findings, shape, where, folder):
                     writer.add_shape(target, kind, X, written, colour)
 
 
-def _written(
+def _as_urdf(
     findings: Findings, shape: Element, where: str, folder: Path
 ) -> Iterator[WrittenShape]:
-    """Yield the shape as URDF has it; nothing for shapes that URDF does not have, which are noted."""
+    """Yield the shape for a URDF; nothing, with a note, for a shape that URDF does not have."""
     if shape.tag == "box":
         size = _vector(shape, "size", where)
         yield WrittenShape(tag="box", attributes={"size": words(size)})
@@ -138,7 +146,7 @@ def _written(
         if shape.find("submesh") is not None:
             findings.notes.append(f"{where}: of a mesh with <submesh> all is taken")
         uri = shape.findtext("uri", "").strip()
-        if not uri.startswith(_FILES):
+        if not uri.startswith(_COMPLETE):
             uri = str(folder / uri)
         scale = _vector(shape, "scale", where)
         yield WrittenShape(tag="mesh", attributes={"filename": uri, "scale": words(scale)})
@@ -147,7 +155,7 @@ def _written(
 
 
 def _colour(element: Element) -> np.ndarray | None:
-    """Return the colour (4,) of a visual; `None` where it states none."""
+    """Return the colour (4,) of a visual; `None` where it states none, or one that is no colour."""
     text = element.findtext("material/diffuse")
     if text is None:
         return None

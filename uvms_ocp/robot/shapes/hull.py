@@ -30,8 +30,8 @@ def skid_points(robot: Robot) -> np.ndarray:
 
 
 def lowest_link(robot: Robot) -> str:
-    """Return the name of the link of the vehicle whose collision shape reaches lowest in its frame;
-    it has one.
+    """Return the name of the link of the vehicle whose collision shape reaches lowest in the frame of
+    the vehicle, which has to have a shape.
     """
     shape = min(_hull(robot), key=lambda shape: float(_box_corners(shape)[:, 2].min()))
     return str(robot.model.frames[shape.parentFrame].name)
@@ -55,11 +55,11 @@ def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def lowest_point(robot: Robot, slope: float = 0.0, altimeter: str | None = None) -> ca.Function:
-    """Compile the function of q (n_q,) [m, rad] that gives z [m] in W of the lowest of the hull's
+    """Build the function of q (n_q,) [m, rad] that gives z [m] in W of the lowest of the hull's
     corners, the joints of the arm and the tools.
 
-    slope: of a floor that falls from below the altimeter, a frame, on, by which those beside it
-    count as higher.
+    slope: of a floor that falls in all directions from the point below the frame `altimeter`: each
+    point counts as higher by the slope times its horizontal distance from that frame.
     """
     q = ca.SX.sym("q", robot.n_q)
     kinematics = symbolic_model.SymbolicModel(robot.model).forward_kinematics(q)
@@ -72,11 +72,12 @@ def lowest_point(robot: Robot, slope: float = 0.0, altimeter: str | None = None)
         vehicle = kinematics.joint_poses[1]
         for point in skid_points(robot):
             points.append(vehicle.p + vehicle.R @ ca.DM(point))
-    heights = [point[2] for point in points]
     if altimeter is not None and robot.has_frame(altimeter):
         _, centre = kinematics.pose(altimeter)
         heights = []
         for point in points:
             heights.append(point[2] + slope * ca.norm_2(point[:2] - centre[:2]))
+    else:
+        heights = [point[2] for point in points]
     lowest = ca.densify(ca.mmin(ca.vertcat(ca.inf, *heights)))
     return ca.Function("lowest_point", [q], [lowest], {"cse": True})

@@ -34,7 +34,7 @@ from uvms_ocp.viz.scene.details import legend, page_details, readout
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, asset, build_page
 from uvms_ocp.viz.scene.page_server import served
 
-_FPS = 1.0  # [Hz] rate of frames at the beginning of the run, of which the first is shown
+_FPS = 1.0  # [Hz] frames of the first two ticks; the page shows the first of them
 _FRAME_RATE = 25.0  # [Hz] most frames per second of the wall clock
 _NOTEBOOK_RATE = 10.0  # [Hz] most frames per second of a run in a notebook
 _DIGITS = 7  # significant digits of poses, more than the 32-bit floats of the page hold
@@ -112,16 +112,18 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._robot = robot
         self._page = page
         self._speed = speed
-        self._shown: Any = None
-        """IPython's handle of the output in a notebook that shows frames; `None` for none."""
-        self._now: _Moment | np.ndarray = q
-        """Newest tick of a run, or configuration (n_q,) [m, rad]."""
+        self._notebook_output: Any = None
+        """IPython's handle of the output that sends frames to the page in a notebook; `None` before
+        it is shown.
+        """
+        self._newest: _Moment | np.ndarray = q
+        """Newest tick of a run; a configuration (n_q,) [m, rad] where none runs."""
         self._data = robot.model.createData()
         self._name = ""
         """Name of the page's frame in a notebook."""
-        self._due = 0.0
-        """[s] time on the clock of the next frame in a notebook."""
-        self._began = 0.0
+        self._next_frame_at = 0.0
+        """[s] time on the clock before which no other frame is sent to a notebook."""
+        self._run_began_at = 0.0
         """[s] time on the clock at which the run was at 0."""
         self._closed = Event()
         self._stack = ExitStack()
@@ -129,13 +131,14 @@ class LiveView(AbstractContextManager["LiveView"]):
         """Address of the page for browsers of this machine."""
 
     def __call__(self, t: float, state: State, command: Command) -> None:
-        """Take the newest tick, at t [s]; returns once the clock has reached t too."""
-        if isinstance(self._now, np.ndarray) or t < self._now[0]:
-            self._began = time.monotonic() - t / self._speed
-        self._now = (t, state, command)
-        if time.monotonic() >= self._due:
-            self._hand_on(1.0 / _NOTEBOOK_RATE)
-        lead = self._began + t / self._speed - time.monotonic()
+        """Publish the tick at t [s], and wait until the clock has reached t too."""
+        begins = isinstance(self._newest, np.ndarray) or t < self._newest[0]
+        if begins:
+            self._run_began_at = time.monotonic() - t / self._speed
+        self._newest = (t, state, command)
+        if time.monotonic() >= self._next_frame_at:
+            self._send_to_notebook(1.0 / _NOTEBOOK_RATE)
+        lead = self._run_began_at + t / self._speed - time.monotonic()
         if lead > 0.0:
             time.sleep(lead)
 
@@ -144,39 +147,39 @@ class LiveView(AbstractContextManager["LiveView"]):
         """Configuration (n_q,) [m, rad] that is shown: of the newest tick, of `display`, or from
         dragging in a notebook.
         """
-        if isinstance(self._now, np.ndarray):
-            return self._now
-        return self._now[1].q
+        if isinstance(self._newest, np.ndarray):
+            return self._newest
+        return self._newest[1].q
 
     def display(self, q: ArrayLike) -> None:
         """Show the robot in q (n_q,) [m, rad], from a loop of one's own; waits so that there are at
         most 25 pictures a second.
         """
-        self._now = self._robot.check_configuration(q)
-        time.sleep(max(0.0, self._due - time.monotonic()))
-        self._hand_on(1.0 / _FRAME_RATE)
+        self._newest = self._robot.check_configuration(q)
+        time.sleep(max(0.0, self._next_frame_at - time.monotonic()))
+        self._send_to_notebook(1.0 / _FRAME_RATE)
 
-    def _hand_on(self, pause: float) -> None:
-        """Send a frame to the notebook; the next one is due after a pause [s]."""
-        self._due = time.monotonic() + pause
-        if self._shown is not None:
-            frame = json.dumps(_frame(self._robot, self._data, self._now), allow_nan=False)
+    def _send_to_notebook(self, pause: float) -> None:
+        """Send a frame to the notebook, if one shows the page, and none before a pause [s] is over."""
+        self._next_frame_at = time.monotonic() + pause
+        if self._notebook_output is not None:
+            frame = json.dumps(_frame(self._robot, self._data, self._newest), allow_nan=False)
             script = (
                 f"document.getElementById('{self._name}')?.contentWindow.postMessage({frame}, '*')"
             )
-            self._shown.update({"application/javascript": script}, raw=True)
+            self._notebook_output.update({"application/javascript": script}, raw=True)
 
     def frames(self) -> Iterator[str]:
         """Yield frames for one browser as JSON, as they come, the last one too, until the view is
         closed.
         """
         data = self._robot.model.createData()
-        sent_moment = self._now
+        sent_moment = self._newest
         closed = False
         while not closed:
             closed = self._closed.wait(1.0 / _FRAME_RATE)
-            if self._now is not sent_moment:
-                sent_moment = self._now
+            if self._newest is not sent_moment:
+                sent_moment = self._newest
                 yield json.dumps(_frame(self._robot, data, sent_moment), allow_nan=False)
 
     def close(self) -> None:
@@ -203,7 +206,7 @@ class LiveView(AbstractContextManager["LiveView"]):
 
         self._name = f"live-{uuid4().hex}"
         display({"text/html": self._page.framed(self._name)}, raw=True)
-        self._shown = display(
+        self._notebook_output = display(
             {"application/javascript": f"{asset('hear.js')}('{self._name}')"},
             raw=True,
             display_id=True,
@@ -214,13 +217,13 @@ class LiveView(AbstractContextManager["LiveView"]):
             # A script of the notebook's page writes the dragged configuration into this text.
             dragged = Text(layout={"display": "none"})
             dragged.add_class(self._name).observe(
-                lambda change: self._take(json.loads(change["new"])), "value"
+                lambda change: self._apply_drag(json.loads(change["new"])), "value"
             )
             display(dragged)
 
-    def _take(self, dragged: Mapping[str, Any]) -> None:
-        """Take configuration and goal that were dragged in a notebook."""
-        self._now = self._robot.configuration(**dragged["q"])
+    def _apply_drag(self, dragged: Mapping[str, Any]) -> None:
+        """Set configuration and goal to those that were dragged in a notebook."""
+        self._newest = self._robot.configuration(**dragged["q"])
         self.goal = pin.XYZQUATToSE3(np.array(dragged["goal"]))
         self.on_change(self)
 
@@ -254,8 +257,8 @@ def live(
     port: Count = 0,
     height: AtLeastOne = 520,
 ) -> LiveView:
-    """Return a page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``,
-    or a robot that Python moves.
+    """Serve a page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``, or
+    a robot that Python moves; return the view that moves it.
 
     ``view = live(scenario)``, ``display(view)`` shows it in a notebook, `height` [px] high,
     wherever the kernel is, and a run with ``observer=view`` moves it. ``view = live(robot)`` is
