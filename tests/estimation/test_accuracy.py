@@ -11,7 +11,7 @@ import pytest
 from uvms_ocp.estimation.estimator import Estimator, std_at_rest
 from uvms_ocp.mission.phase import Below
 from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.robot.signals import Reading, Readings, SensorSpec, SensorSpecs, State
+from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.preflight.checks import quantity_stds
 from uvms_ocp.scenario.scenario import Scenario
@@ -61,9 +61,7 @@ def test_between_readings_the_spread_grows_with_what_may_have_happened_since() -
 def test_better_sensors_allow_more(name: str) -> None:
     robot = load_robot(name)
     noisy = std_at_rest(robot, SPECS)
-    fields = {
-        item: getattr(SPECS, item) for item in SPECS.__slots__ if getattr(SPECS, item) is not None
-    }
+    fields = {item: getattr(SPECS, item) for item in CHANNELS if getattr(SPECS, item) is not None}
     better = SensorSpecs(
         **{item: replace(spec, sigma=spec.sigma / 4) for item, spec in fields.items()}
     )

@@ -12,6 +12,7 @@ from uvms_ocp.estimation.estimator import Estimator, PassThrough, age_of
 from uvms_ocp.estimation.tuning import EstimatorTuning
 from uvms_ocp.robot.loading import list_robots, load_robot
 from uvms_ocp.robot.signals import (
+    CHANNELS,
     IDEAL_SENSORS,
     Command,
     Reading,
@@ -254,7 +255,7 @@ class Gliding:
     ],
 )
 def test_a_late_exact_reading_of_steady_acceleration_tells_nothing_new(robot, late, spin_up):
-    sharp = SensorSpecs(**{name: SensorSpec(sigma=1e-3) for name in DEFAULT.__slots__})
+    sharp = SensorSpecs(**{name: SensorSpec(sigma=1e-3) for name in CHANNELS})
     truth = Gliding(robot, spin_up)
     estimator = Estimator(robot, sharp)
     dt = 0.02
@@ -276,7 +277,7 @@ def test_a_gyro_bias_is_found_from_the_attitude(robot, start):
 
 def test_half_of_the_readings_suffice(robot, start):
     lossy = {}
-    for name in DEFAULT.__slots__:
+    for name in CHANNELS:
         spec = getattr(DEFAULT, name)
         lossy[name] = spec
         if spec is not None:
@@ -303,7 +304,7 @@ def test_a_reading_counts_once_however_often_it_is_repeated(robot, start):
     estimators = (Estimator(robot), Estimator(robot))
     for k in range(100):
         readings = suite.read(State(q=start, v=np.zeros(robot.n_v)), k * DT)
-        names = [name for name in readings.__slots__ if getattr(readings, name) is not None]
+        names = [name for name in CHANNELS if getattr(readings, name) is not None]
         copies = {
             n: Reading(value=getattr(readings, n).value, t=getattr(readings, n).t) for n in names
         }
