@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import replace_unchecked
+from uvms_ocp.codegen.kernel_layout import assign
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
@@ -21,9 +22,10 @@ from uvms_ocp.control.load_filter import LoadLearning
 from uvms_ocp.control.payload import LoadEstimate
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.estimation.degraded_modes import FREE
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.fallbacks import Watchdog
+from uvms_ocp.mission import Below, Mission, Phase, Transition
+from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import cached_dynamics, robot_dynamics
@@ -37,6 +39,8 @@ from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.solvers import LexicographicActiveSet
+from uvms_ocp.tasks import Hierarchy, VehiclePose
 
 DT = 1 / 200  # [s]
 STATION = np.array([0.0, 0.0, -20.0])  # [m]
@@ -118,9 +122,9 @@ class WayPoints(KinematicController):
         self.dt = DT
         self.watchdog = Watchdog()
         self.given_up = ""
-        self.restriction = FREE
-        self.damps_turns = False
         self.guide = None
+        self.memory = _velocity_layer(robot).memory
+        self.memory.awaits_first = False
         self._rng = np.random.default_rng(hover.seed + 1000)
         self._moves = hover.moves
         self._v = np.zeros(robot.n_v)
@@ -132,9 +136,10 @@ class WayPoints(KinematicController):
     def observe(self, estimate: StateEstimate, t: float) -> Any:
         self.estimate = estimate
         self.t = t
+        assign(self.memory, q=estimate.q, v=estimate.v, t=t, joint_age=estimate.joint_age)
         return self
 
-    def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
+    def note_feedback(self, feedback: ActuationFeedback) -> None:
         self.given_up = self.given_up or feedback.fault
 
     def command(self, tick: Any) -> Command:
@@ -151,6 +156,7 @@ class WayPoints(KinematicController):
         desired = np.clip(np.concatenate([linear, angular, joints]), -largest, largest)
         step = 0.5 * np.minimum(limits.acceleration, 5.0) * DT
         self._v = self._v + np.clip(desired - self._v, -step, step)
+        assign(self.memory, command=self._v)
         return Command(v=self._v.copy())
 
     def _choose(self) -> None:
@@ -160,6 +166,17 @@ class WayPoints(KinematicController):
         self.goal = STATION + self._moves * rng.uniform(-1.0, 1.0, 3) * _WAY
         self._yaw = self._moves * float(rng.uniform(-1.0, 1.0))
         self._joints = home + 0.15 * rng.uniform(-1.0, 1.0, len(home))
+
+
+def _velocity_layer(robot: Robot) -> KinematicController:
+    """One whose memory the force layer reads; it is never run."""
+    arrival = Below(quantity="PC.position_error", limit=0.01)
+    phase = Phase(
+        name="hover", activations={"PC": 1.0}, transitions=(Transition(to=DONE, when=(arrival,)),)
+    )
+    task = VehiclePose(goal=pin.SE3.Identity())
+    mission = Mission(hierarchy=Hierarchy((task,)), phases=(phase,))
+    return KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=DT)
 
 
 def run(hover: Hover) -> Outcome:

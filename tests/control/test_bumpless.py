@@ -10,7 +10,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 import pytest
-from test_force_tick import FULL, dynamics, laws, scene
+from test_force_tick import FULL, dynamics, give, laws, run, scene
 
 from uvms_ocp.control.force.thruster_lag import thruster_lag
 from uvms_ocp.control.force.tick import ForceTick
@@ -69,9 +69,9 @@ def test_a_load_that_rests_is_borne_alike_whatever_share_the_loops_come_to(
     torques = []
     for seconds, share in ((12.0, 1.0), (3.0, 0.25), (3.0, 1.0)):
         for _ in range(round(seconds / dt)):
-            tick.give(q, v, still, (share, share))
+            give(tick, q, v, still, (share, share))
             told = ForceOutputs(
-                **dict(zip(ForceOutputs.__dataclass_fields__, tick.step(0.0), strict=True))
+                **dict(zip(ForceOutputs.__dataclass_fields__, run(tick, 0.0), strict=True))
             )
             for _ in range(max(1, round(dt / 0.005))):  # of a place where q stays as it is
                 v = v + min(dt, 0.005) * model.forward_dynamics(q, v, told.torque + load)

@@ -12,10 +12,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from uvms_ocp.codegen.kernel_layout import assign
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.tick_state import TickInputs
-from uvms_ocp.estimation.degraded_modes import FREE
 from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.signals import Command, StateEstimate
@@ -166,7 +166,11 @@ def test_evaluating_a_measurement_leaves_the_commands_as_they_are(
 class Asking(KinematicController):
     """A velocity layer that asks for v0 + a t on every axis, whatever the mission."""
 
-    def __init__(self, *, v0: np.ndarray, a: np.ndarray, dt: float = 0.02) -> None:
+    def __init__(
+        self, scenario: Scenario, *, v0: np.ndarray, a: np.ndarray, dt: float = 0.02
+    ) -> None:
+        self.memory = scenario.kinematic_controller().memory
+        self.memory.awaits_first = False
         self.v0 = v0
         self.a = a
         self.dt = dt
@@ -174,10 +178,13 @@ class Asking(KinematicController):
         self.watchdog = SimpleNamespace(alarms=[])
 
     def observe(self, measurement: StateEstimate, t: float) -> SimpleNamespace:
-        return SimpleNamespace(estimate=measurement, t=t, restriction=FREE, damps_turns=False)
+        assign(self.memory, q=measurement.q, v=measurement.v, t=t)
+        return SimpleNamespace(t=t)
 
     def command(self, tick: SimpleNamespace) -> Command:
-        return Command(v=self.v0 + self.a * tick.t)
+        command = Command(v=self.v0 + self.a * tick.t)
+        assign(self.memory, command=command.v)
+        return command
 
 
 @pytest.fixture(scope="module")
@@ -209,7 +216,7 @@ def efforts_after(
 def test_an_axis_at_the_end_of_its_force_does_not_wind_up(
     scenario: Scenario, dynamics: Dynamics, axis: int, sign: float
 ) -> None:
-    still = Asking(v0=np.zeros(scenario.robot.n_v), a=np.zeros(scenario.robot.n_v))
+    still = Asking(scenario, v0=np.zeros(scenario.robot.n_v), a=np.zeros(scenario.robot.n_v))
     unit = sign * np.eye(scenario.robot.n_v)[axis]
     # Motors make up for thrusters, whose thrust takes some ticks to end.
     fresh, pushed, leaned = (
@@ -226,7 +233,7 @@ def test_an_axis_at_the_end_of_its_force_still_unwinds(
     scenario: Scenario, dynamics: Dynamics, axis: int, sign: float
 ) -> None:
     unit = sign * np.eye(scenario.robot.n_v)[axis]
-    hurried = Asking(v0=unit, a=20.0 * unit)  # too fast from the first tick on
+    hurried = Asking(scenario, v0=unit, a=20.0 * unit)  # too fast from the first tick on
     on_time, ahead = (
         efforts_after(scenario, dynamics, hurried, error * unit) for error in (0.0, -1e-2)
     )

@@ -13,7 +13,7 @@ import pytest
 from broken_sensors import BrokenSensors
 from compiler import long_without_compiler
 
-from uvms_ocp.codegen.kernel_layout import doubles, structure_of
+from uvms_ocp.codegen.kernel_layout import assign, doubles, structure_of
 from uvms_ocp.control.velocity.abort import (
     AbortMemory,
     AbortMonitor,
@@ -74,7 +74,8 @@ def reasons(
     memory = structure_of(AbortMemory, **sizes)()
     write_mission(phases, mission, names)
     distress = AbortMonitor(mission, scenario.robot, memory)
-    distress.on_actuation_feedback(feedback)
+    assign(memory, short=feedback.short, push=feedback.push, spent=feedback.spent)
+    memory.fault = bool(feedback.fault)
     measured = StateEstimate(
         q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health
     )

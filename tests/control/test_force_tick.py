@@ -79,11 +79,42 @@ def scene(name: str, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return q, 0.02 * rng.normal(size=robot.n_v)
 
 
+def give(
+    tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float]
+) -> None:
+    """Inputs as the velocity layer would ask; feedback: shares of the bandwidths of vehicle and joints."""
+    inputs = tick.inputs
+    inputs.q[:] = q
+    inputs.v[:] = v
+    inputs.reference[:] = command.v
+    inputs.feedback[0], inputs.joint_feedback[0] = feedback
+    inputs.hold[0] = command.hold
+    inputs.stop[0] = command.stop
+    tick.memory.brakes = command.brakes
+
+
+def run(
+    tick: ForceTick,
+    t: float,
+    *,
+    joint_age: float = 0.0,
+    encoders_trusted: bool = True,
+    joint_rates_lost: bool = False,
+) -> list[np.ndarray]:
+    """The parts of `ForceOutputs` at time t."""
+    memory = tick.memory
+    memory.t = t
+    memory.joint_age = joint_age
+    memory.encoders_trusted = encoders_trusted
+    memory.joint_rates_lost = joint_rates_lost
+    return tick.step()
+
+
 def ticked(
     tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, *, joints: bool = True
 ) -> ForceOutputs:
-    tick.give(q, v, command, (1.0, 1.0))
-    told = tick.step(0.0, joint_age=0.0 if joints else 1.0)
+    give(tick, q, v, command, (1.0, 1.0))
+    told = run(tick, 0.0, joint_age=0.0 if joints else 1.0)
     return ForceOutputs(**dict(zip(ForceOutputs.__dataclass_fields__, told, strict=True)))
 
 
@@ -118,8 +149,8 @@ def test_joints_keep_their_bandwidth_where_sensors_tell_their_rates(
     robot = laws().robot
     q, v = scene(FULL)
     for k in range(800):
-        tick.give(q, v, Command(v=v), (1.0, 0.25))
-        tick.step(k * DT, joint_rates_lost=lost)
+        give(tick, q, v, Command(v=v), (1.0, 0.25))
+        run(tick, k * DT, joint_rates_lost=lost)
     np.testing.assert_allclose(tick.state.share[robot.joint_v], share, rtol=1e-3)
 
 
@@ -186,8 +217,8 @@ def test_what_holds_locked_joints_is_what_held_them_whatever_their_readings_beco
     displaced[robot.joint_q] += 0.5
 
     def held(q: np.ndarray, joint_age: float) -> np.ndarray:
-        tick.give(q, rest, Command(v=rest), (1.0, 1.0))
-        tick.step(0.0, joint_age=joint_age)
+        give(tick, q, rest, Command(v=rest), (1.0, 1.0))
+        run(tick, 0.0, joint_age=joint_age)
         return np.array(tick.memory.desired.force)[robot.n_vehicle :]
 
     locked = held(q, 1.0 if known else np.inf)
@@ -215,8 +246,8 @@ def test_readings_that_come_back_under_brakes_change_nothing_though_the_disturba
     for away in (0.0, 0.2, 0.5, 1.0, -0.5, 0.0):
         displaced = q.copy()
         displaced[robot.joint_q] += away
-        tick.give(displaced, rest, Command(v=rest), (1.0, 1.0))
-        tick.step(0.0, joint_age=1.0)
+        give(tick, displaced, rest, Command(v=rest), (1.0, 1.0))
+        run(tick, 0.0, joint_age=1.0)
         estimates.append(tick.observed.estimate[robot.n_vehicle :].copy())
     assert np.abs(estimates).max() == limit
     np.testing.assert_allclose(estimates[-1], estimates[0], rtol=0.0, atol=1e-12)
@@ -305,8 +336,8 @@ def test_what_a_doubted_joint_seems_to_do_as_brakes_lock_it_is_no_disturbance() 
     n = laws().robot.n_vehicle
     before = known(tick)
     v[n + 1] = 2.0 * laws().robot.limits.velocity[n + 1]
-    tick.give(q, v, Command(v=np.zeros(len(v))), (1.0, 1.0))
-    tick.step(0.0, encoders_trusted=False)
+    give(tick, q, v, Command(v=np.zeros(len(v))), (1.0, 1.0))
+    run(tick, 0.0, encoders_trusted=False)
     assert tick.memory.overspeed.joint == 1
     np.testing.assert_array_equal(tick.observed.estimate[n:], before.estimate[n:])
 
@@ -347,8 +378,8 @@ def test_the_bandwidths_of_vehicle_and_joints_come_to_what_each_bears() -> None:
     q, v = scene(FULL)
     n = laws().robot.n_vehicle
     for k in range(1, 200):
-        tick.give(q, v, Command(v=v), (0.2, 0.5))
-        tick.step(0.0)
+        give(tick, q, v, Command(v=v), (0.2, 0.5))
+        run(tick, 0.0)
         np.testing.assert_allclose(tick.observed.share[:n], 0.2 + 0.8 * (1.0 - DT) ** k)
         np.testing.assert_allclose(tick.observed.share[n:], 0.5 + 0.5 * (1.0 - DT) ** k)
     assert tick.observed.watch[0] == MonitorStep.PAUSED
@@ -389,9 +420,9 @@ def test_a_thrust_that_limits_keep_from_being_reached_is_told() -> None:
 def test_a_force_that_is_no_number_is_refused_and_what_was_known_stays() -> None:
     tick, q, v = busy(3)
     before = bytes(tick.memory.state)
-    tick.give(q, np.full(len(v), np.nan), replace_unchecked(Command(v=v), hold=False), (1.0, 1.0))
+    give(tick, q, np.full(len(v), np.nan), replace_unchecked(Command(v=v), hold=False), (1.0, 1.0))
     with pytest.raises(InvalidInput, match="finite"):
-        tick.step(0.0)
+        run(tick, 0.0)
     assert bytes(tick.memory.state) == before
 
 
@@ -401,13 +432,13 @@ def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
     refused = 0
     q, v = scene(FULL)
     for k in range(2000):
-        tick.give(q, v * rng.normal(), Command(v=v * rng.normal(), hold=k % 97 == 0), (1.0, 1.0))
+        give(tick, q, v * rng.normal(), Command(v=v * rng.normal(), hold=k % 97 == 0), (1.0, 1.0))
         parts = (tick.inputs.q, tick.inputs.v, tick.inputs.reference, tick.inputs.feedback)
         spoilt = parts[k % 4]
         if k % 10 == 0:
             spoilt[rng.integers(len(spoilt))] = rng.choice([np.nan, np.inf, -np.inf, 1e300, -1e20])
         try:
-            assert all(np.isfinite(part).all() for part in tick.step(0.01 * k))
+            assert all(np.isfinite(part).all() for part in run(tick, 0.01 * k))
         except InvalidInput:
             refused += 1
         assert np.isfinite(column_view(tick.memory.state)).all()
@@ -459,5 +490,5 @@ def test_in_c_and_in_python_a_tick_gives_the_same(name: str) -> None:
 def step(
     tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, t: float
 ) -> list[np.ndarray]:
-    tick.give(q, v, command, (1.0, 0.9))
-    return tick.step(t)
+    give(tick, q, v, command, (1.0, 0.9))
+    return run(tick, t)

@@ -80,6 +80,16 @@ def babble(scenario: Scenario, n: int) -> list[tuple[StateEstimate, ActuationFee
     return telemetry
 
 
+def meet(control: KinematicController, feedback: ActuationFeedback) -> None:
+    """What the force layer met in the tick before."""
+    control.note_feedback(feedback)
+    memory = control.memory
+    memory.distress.short = feedback.short
+    memory.distress.push = feedback.push
+    for axis in range(control.robot.n_v):
+        memory.jammed[axis] = axis in feedback.jammed
+
+
 def twins(
     build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPatch
 ) -> tuple[KinematicController, ...]:
@@ -105,7 +115,7 @@ def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
     fed = babble(scenario, 260)
     for k, (measurement, feedback) in enumerate(fed):
         for control in (quick, slow):
-            control.on_actuation_feedback(feedback)
+            meet(control, feedback)
         first = quick(measurement, k * DT)
         second = slow(measurement, k * DT)
         np.testing.assert_array_equal(first.v, second.v)
@@ -122,7 +132,7 @@ def test_what_babble_feeds_meets_every_branch(scenario: Scenario) -> None:
     control = scenario.controller()
     met = set()
     for k, (measurement, feedback) in enumerate(babble(scenario, 260)):
-        control.on_actuation_feedback(feedback)
+        meet(control, feedback)
         tick = control.observe(measurement, k * DT)
         command = control.command(tick)
         less = tick.restriction

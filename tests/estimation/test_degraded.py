@@ -21,8 +21,8 @@ from uvms_ocp.estimation.degraded_modes import (
     degraded_channels,
     read_restriction,
     restrict,
-    write_channels,
     write_modes,
+    write_trust,
 )
 from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta
 from uvms_ocp.record.record import Record
@@ -221,7 +221,7 @@ def restriction_for(health: Sequence[ChannelHealth], t: float) -> Restriction:
     memory = structure_of(RestrictionMemory)()
     bad = degraded_channels(health)
     write_modes(memory)
-    write_channels(memory, bad)
+    write_trust(memory.level, memory.since, bad)
     restrict(memory, t, True)
     return read_restriction(memory, bad)
 
@@ -269,7 +269,7 @@ def test_an_attitude_that_stays_suspect_is_open_for_no_longer_than_its_mode_allo
     for k in range(300):
         t = 0.1 * k
         bad = [attitude, gyro] if t < gyro_back else [attitude]
-        write_channels(memory, bad)
+        write_trust(memory.level, memory.since, bad)
         restrict(memory, t, True)
         restriction = read_restriction(memory, bad)
         assert restriction.attitude_open
@@ -288,10 +288,10 @@ def test_an_attitude_that_comes_back_and_goes_again_has_its_time_anew() -> None:
         for t in (begin, begin + 10.0):
             names = ("attitude", "angular_velocity")
             bad = [ChannelHealth(channel=name, trust=Trust.SUSPECT, since=begin) for name in names]
-            write_channels(memory, bad)
+            write_trust(memory.level, memory.since, bad)
             restrict(memory, t, True)
             assert memory.attitude_open
             assert not memory.ended
-        write_channels(memory, [])
+        write_trust(memory.level, memory.since, [])
         restrict(memory, begin + 14.0, True)
         assert not memory.attitude_open

@@ -87,11 +87,6 @@ class Restriction(ModeLimits):
     """Channels that are not good: what rests on them ends no phase."""
 
     @property
-    def distrusted(self) -> frozenset[str]:
-        """Names of the channels that are not good."""
-        return frozenset(item.channel for item in self.bad)
-
-    @property
     def lost(self) -> tuple[ChannelHealth, ...]:
         """Channels that are lost."""
         return tuple(item for item in self.bad if item.trust is Trust.LOST)
@@ -255,15 +250,17 @@ def write_modes(memory: RestrictionMemory) -> None:
     memory.can_ascend = True
 
 
-def write_channels(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) -> None:
-    """Write the trust of all channels into a `RestrictionMemory`; those not in `bad` are good."""
-    health_of = {item.channel: item for item in bad}
+def write_trust(level: Any, since: Any, health: Sequence[ChannelHealth]) -> None:
+    """Write the trust in each of `CHANNELS`, and since when [s] it is as it is; channels that are not
+    in `health` are good.
+    """
+    health_of = {item.channel: item for item in health}
     for c, channel in enumerate(CHANNELS):
-        memory.level[c] = Trust.GOOD
-        memory.since[c] = 0.0
+        level[c] = Trust.GOOD
+        since[c] = 0.0
         if channel in health_of:
-            memory.level[c] = health_of[channel].trust
-            memory.since[c] = health_of[channel].since
+            level[c] = health_of[channel].trust
+            since[c] = health_of[channel].since
 
 
 def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) -> Restriction:

@@ -16,11 +16,10 @@ from uvms_ocp.control.velocity.tick import (
     solve_and_finish,
 )
 from uvms_ocp.control.velocity.tick_memory import TickMemory
+from uvms_ocp.estimation.degraded_modes import write_trust
 from uvms_ocp.mission.progress import is_over
 from uvms_ocp.robot.channels import CHANNELS
-from uvms_ocp.robot.signals import Command, StateEstimate, Trust, unchecked_command
-
-_PLACE = {name: place for place, name in enumerate(CHANNELS)}
+from uvms_ocp.robot.signals import Command, StateEstimate, unchecked_command
 
 
 class ControllerInputs(Layout):
@@ -83,13 +82,7 @@ def write_measurement(inputs: Any, estimate: StateEstimate, t: float) -> None:
     inputs.joint_age = estimate.joint_age
     view(inputs.q)[:] = estimate.q
     view(inputs.v)[:] = estimate.v
-    for place in range(len(CHANNELS)):
-        inputs.trust[place] = Trust.GOOD
-        inputs.since[place] = 0.0
-    for item in estimate.health:
-        place = _PLACE[item.channel]
-        inputs.trust[place] = item.trust
-        inputs.since[place] = item.since
+    write_trust(inputs.trust, inputs.since, estimate.health)
 
 
 def command_in(outputs: Any, arrays: Any, *, forces: bool) -> Command:

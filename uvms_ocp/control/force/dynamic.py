@@ -23,13 +23,12 @@ from uvms_ocp.control.faults.residual_filter import residual_filter_for
 from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
 from uvms_ocp.control.force import thruster_lag, tick_functions, velocity_law
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
-from uvms_ocp.control.force.tick import ForceTick, ask_forces
+from uvms_ocp.control.force.tick import ForceTick, ask_forces, hear_forces
 from uvms_ocp.control.load_filter import LoadLearning
 from uvms_ocp.control.payload import LoadLearner, heaviest_load, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.degraded_modes import ENCODERS, JOINT_RATES
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate, thrusters
 from uvms_ocp.robot.dynamics import Dynamics
@@ -39,7 +38,6 @@ _feedback = unchecked_constructor(ActuationFeedback)
 
 DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """Tuning of the search for faulty thrusters and joints, by default."""
-_JOINT_CHANNELS = (ENCODERS, JOINT_RATES)
 _NEARLY = 0.999  # of a limit of thrust counts as at it
 
 
@@ -118,6 +116,9 @@ class DynamicController(TableDisplay):
         self._tick = ForceTick(laws)
         self.memory = self._tick.memory
         """Memory of the force layer, a `ForceMemory`."""
+        self._hear_forces, self._ask_forces = bind_kernels(
+            (hear_forces, ask_forces), (type(kinematic.memory), type(self.memory))
+        )
         # Parts of it are made anew whenever they are asked for.
         self._detection = self.memory.detection
         self._allocation = self.memory.allocation
@@ -140,23 +141,14 @@ class DynamicController(TableDisplay):
 
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
+        memories = (self.kinematic.memory, self.memory)
         tick = self.kinematic.observe(estimate, t)
-        sound = tick.estimate
+        self._hear_forces(*memories)
         command = self.kinematic.command(tick)
-        bounds = tick.restriction
-        share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
-        feedback = (share * bounds.feedback, bounds.joint_feedback)
-        self._tick.give(
-            sound.q,
-            sound.v,
-            command,
-            feedback,
-            turning=tick.damps_turns,
-            attitude_open=bounds.attitude_open,
-        )
-        encoders_trusted = not bounds.distrusted or bounds.distrusted.isdisjoint(_JOINT_CHANNELS)
-        joint_rates_lost = any(item.channel == JOINT_RATES for item in bounds.lost)
-        outputs = self._ticked(sound, tick.t, encoders_trusted, joint_rates_lost)
+        self._ask_forces(*memories)
+        if self.kinematic.guide is not None:
+            self._tick.inputs.feedback[0] *= self.kinematic.guide.bandwidth
+        outputs = self._ticked()
         self._report(tick.t)
         return self._to_command(command, outputs)
 
@@ -169,9 +161,7 @@ class DynamicController(TableDisplay):
         """Return the steps of the force layer in a tick, once the velocity layer has left its
         command in memory.
         """
-        tick = self.kinematic.memory
-        (ask,) = bind_kernels((ask_forces,), (type(tick), type(self.memory)))
-        asking = Step("ask_forces", ask, (tick, self.memory))
+        asking = Step("ask_forces", self._ask_forces, (self.kinematic.memory, self.memory))
         forcing = Step("force", self._tick.kernel, (self.memory,))
         if self.learner is None:
             return [asking, forcing]
@@ -275,23 +265,19 @@ class DynamicController(TableDisplay):
         below = self.kinematic._table()
         return SmallTable(title=type(self).__name__, rows=(*below.rows, *rows_of(values)))
 
-    def _ticked(
-        self, sound: StateEstimate, t: float, encoders_trusted: bool, joint_rates_lost: bool
-    ) -> list[np.ndarray]:
+    def _ticked(self) -> list[np.ndarray]:
         """Run the force tick, with what is learnt of the load; return the parts of
         `ForceOutputs`.
         """
         if self.learner is None:
-            return self._tick.step(t, sound.joint_age, encoders_trusted, joint_rates_lost)
+            return self._tick.step()
         self._carry_load(self.learner)
-        outputs = self._tick.step(t, sound.joint_age, encoders_trusted, joint_rates_lost)
+        outputs = self._tick.step()
         self._learn_load(self.learner)
         return outputs
 
     def _to_command(self, command: Command, outputs: list[np.ndarray]) -> Command:
-        """Make the command of these outputs, and feed the layer below back what the thrusters
-        met.
-        """
+        """Make the command of these outputs, and tell the layer below what the thrusters met."""
         thrust, torque, *_, push = outputs
         allocation = self._allocation
         short = bool(self._allocation.saturated)
@@ -304,7 +290,7 @@ class DynamicController(TableDisplay):
                 )
             )
         spent = self._tick.state.spent.item()
-        self.kinematic.on_actuation_feedback(self._feedback(short, push.item(), spent))
+        self.kinematic.note_feedback(self._feedback(short, push.item(), spent))
         telemetry = {**command.telemetry, **values_of(self.force_series()), "saturated": short}
         if self.monitor is not None:
             telemetry |= self.monitor.telemetry()

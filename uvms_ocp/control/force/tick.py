@@ -37,7 +37,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import ENCODERS, JOINT_RATES
 from uvms_ocp.estimation.fallbacks import level_attitude
 from uvms_ocp.robot.channels import CHANNELS
-from uvms_ocp.robot.signals import SAME_TIME, Command, Trust
+from uvms_ocp.robot.signals import SAME_TIME, Trust
 from uvms_ocp.robot.thrusters import undriven_axes
 
 _ENCODER_SILENCE = (
@@ -444,14 +444,7 @@ class ForceTick:
             structure, (begin_force, force_step, apply_detected_effectiveness), compiled=compiled
         )
         self.inputs: tick_functions.ForceInputs = arrays_of(self.memory.inputs)
-        """Inputs of the next tick."""
-        parts = {
-            name: getattr(self.memory.inputs, name)
-            for name in tick_functions.ForceInputs.__dataclass_fields__
-        }
-        self._flags = tick_functions.ForceInputs(
-            **parts
-        )  # of ctypes, which take single numbers sooner than NumPy
+        """Inputs of the next tick, which `ask_forces` writes, with those in `memory`."""
         self.observed: tick_functions.ForceState = arrays_of(self.memory.observed)
         """State of the last tick after its observer."""
         self.state: tick_functions.ForceState = arrays_of(self.memory.state)
@@ -463,54 +456,12 @@ class ForceTick:
         self._write(laws)
         begin(self.memory)
 
-    def give(
-        self,
-        q: np.ndarray,
-        v: np.ndarray,
-        command: Command,
-        feedback: tuple[float, float],
-        *,
-        turning: bool = False,
-        attitude_open: bool = False,
-    ) -> None:
-        """Set the inputs: q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as estimated, and the command
-        of velocities.
+    def step(self) -> list[np.ndarray]:
+        """Run the tick of the inputs and return the parts of `ForceOutputs`, which the caller owns.
 
-        feedback: shares of their bandwidth that the loops of the vehicle and of the joints come to.
-        turning: the angular velocity is to be trusted though the linear one is not. attitude_open:
-        the attitude may be off by any angle.
+        Raises `InvalidInput` for a force that is not finite, or that is beyond `LARGEST_WRENCH`.
         """
-        inputs = self.inputs
-        inputs.q[:] = q
-        inputs.v[:] = v
-        inputs.reference[:] = command.v
-        flags = self._flags
-        flags.feedback[0], flags.joint_feedback[0] = feedback
-        flags.hold[0] = command.hold
-        flags.turning[0] = turning
-        flags.stop[0] = command.stop
-        self.memory.brakes = command.brakes
-        self.memory.attitude_open = attitude_open
-
-    def step(
-        self,
-        t: float,
-        joint_age: float = 0.0,
-        encoders_trusted: bool = True,
-        joint_rates_lost: bool = False,
-    ) -> list[np.ndarray]:
-        """Run the tick at time t [s] and return the parts of `ForceOutputs`, which the caller owns.
-
-        joint_age [s]: of the encoders' readings. encoders_trusted: nothing speaks against them.
-        joint_rates_lost: the sensors of joint rates are lost. Raises `InvalidInput` for a force
-        that is not finite, or that is beyond `LARGEST_WRENCH`.
-        """
-        memory = self.memory
-        memory.t = t
-        memory.joint_age = joint_age
-        memory.encoders_trusted = encoders_trusted
-        memory.joint_rates_lost = joint_rates_lost
-        self.kernel(memory)
+        self.kernel(self.memory)
         self.require_possible()
         outputs = self._outputs.copy()
         return [outputs[place] for place in self._places]
@@ -538,11 +489,11 @@ class ForceTick:
     @property
     def observes(self) -> bool:
         """True where the last tick was given velocities that the observer may learn from."""
-        flags = self._flags
-        if flags.hold[0] or flags.stop[0]:
+        inputs = self.inputs
+        if inputs.hold[0] or inputs.stop[0]:
             return False
         without_joints = not self.memory.detection.joints.count
-        return without_joints or bool(flags.joints[0])
+        return without_joints or bool(inputs.joints[0])
 
     def _write(self, laws: tick_functions.ForceLaws) -> None:
         memory = self.memory

@@ -308,14 +308,6 @@ class AbortMonitor:
             share, deepest = _SUNK
             memory.sunk = abort.sunk or min(share * size(robot.model), deepest)
 
-    def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
-        """Take over the feedback of the force layer."""
-        memory = self._memory
-        memory.short = feedback.short
-        memory.push = feedback.push
-        memory.fault = bool(feedback.fault)
-        memory.spent = feedback.spent
-
     def describe(
         self,
         why: AbortReason,

@@ -140,8 +140,6 @@ class KinematicController(TableDisplay):
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
         self._distress = AbortMonitor(mission, robot, memory.distress)
         self._feedback = ActuationFeedback()
-        self._applied_feedback = self._feedback
-        self._jammed = self._feedback.jammed
         self._restriction = degraded_modes.FREE
         self._health: tuple[ChannelHealth, ...] = ()
         self._bad: list[ChannelHealth] = []
@@ -227,7 +225,8 @@ class KinematicController(TableDisplay):
         self._hear(estimate.health)
         bad = self._bad
         if bad or self._restriction is not degraded_modes.FREE:
-            degraded_modes.write_channels(memory.restriction, bad)
+            restriction = memory.restriction
+            degraded_modes.write_trust(restriction.level, restriction.since, bad)
         if not self._progress.started:
             self._state = self.mission.start(t)
         self.prepare(memory)
@@ -263,24 +262,22 @@ class KinematicController(TableDisplay):
             gates=arrays.gates.copy(),
             freshness=freshness,
             restriction=restriction,
-            damps_turns=velocity_tick.damps_turns(memory),
             blind=bool(velocity_tick.is_blind(memory)),
             stopped=bool(velocity_tick.is_stopped(memory)),
         )
 
-    @checked_on_failure
-    def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
-        """Take over the feedback of the force layer."""
-        jammed = feedback.jammed  # first: what is no feedback changes nothing
+    def note_feedback(self, feedback: ActuationFeedback) -> None:
+        """Note what the force layer met in a tick, for guides and reasons to give up; kernels have
+        it from `hear_forces`.
+        """
         self._feedback = feedback
-        self._jammed = jammed
 
     def hear_fault(self, fault: str) -> None:
         """Take the reason why somebody else's controller cannot go on, for the next tick; empty where
         it can.
         """
-        self.on_actuation_feedback(ActuationFeedback(fault=fault))
-        self._feel()
+        self.note_feedback(ActuationFeedback(fault=fault))
+        self.memory.distress.fault = bool(fault)
 
     @checked_on_failure
     def command(self, tick: TickInputs) -> Command:
@@ -288,8 +285,6 @@ class KinematicController(TableDisplay):
         arrays = self._arrays
         if self._parameters.asked[tick.mission.phase]:
             self._parameters.ask(tick.mission, tick.t)
-        if self._feedback is not self._applied_feedback:
-            self._feel()
         self._finish()
         self._settle(tick, 1)
         self._tick_time[...] = perf_counter() - tick.begin
@@ -319,7 +314,7 @@ class KinematicController(TableDisplay):
         feedback: of the force layer in the tick before that.
         """
         if feedback is not None:
-            self.on_actuation_feedback(feedback)
+            self.note_feedback(feedback)
         self._hear(estimate.health)
         self._settle(self._inputs(estimate, t, 0.0), ticks)
 
@@ -467,15 +462,6 @@ class KinematicController(TableDisplay):
         if not (bad == list(before.bad) and before.abort == "" and not restriction.ended):
             self._restriction = degraded_modes.read_restriction(restriction, bad)
         return self._restriction
-
-    def _feel(self) -> None:
-        """Write the feedback of the force layer for the kernels."""
-        changed = self._jammed != self._applied_feedback.jammed
-        self._applied_feedback = self._feedback
-        self._distress.on_actuation_feedback(self._feedback)
-        if changed:
-            for axis in range(self.robot.n_v):
-                self.memory.jammed[axis] = axis in self._jammed
 
     def _advance(self, tick: TickInputs) -> None:
         """Advance the mission as the kernels found, and log the event."""

@@ -38,8 +38,6 @@ class TickInputs:
     """Degree to which the estimate can be trusted."""
     restriction: Restriction = FREE
     """Restriction by channels that cannot be trusted."""
-    damps_turns: bool = False
-    """True where the angular velocity is fed back although the robot is blind."""
     blind: bool = False
     """True where no measurement of the velocity can be trusted."""
     stopped: bool = False
