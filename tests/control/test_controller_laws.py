@@ -16,8 +16,10 @@ from uvms_ocp.codegen.kernel_layout import assign
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.tick_state import TickInputs
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario
@@ -238,3 +240,12 @@ def test_an_axis_at_the_end_of_its_force_still_unwinds(
         efforts_after(scenario, dynamics, hurried, error * unit) for error in (0.0, -1e-2)
     )
     assert (ahead - on_time) @ unit < -1e-4
+
+
+def test_a_kinematic_controller_of_another_robot_is_refused() -> None:
+    scenario = case1()
+    other = load_robot("planar5")
+    with pytest.raises(InvalidInput, match="give one of the same robot"):
+        DynamicController(
+            robot=other, dynamics=robot_dynamics(other), kinematic=kinematic(scenario)
+        )

@@ -172,11 +172,12 @@ LEARNERS = {
 
 @pytest.mark.parametrize("options", LEARNERS.values(), ids=LEARNERS)
 def test_pre_flight_and_controller_agree_on_who_can_learn_a_load(options: dict[str, Any]) -> None:
-    # The mission is that of a robot with a tool: only who learns is another.
-    scenario = reach(learn_load=True, observer=options.get("observer", True))
-    robot = options.get("robot", scenario.robot)
+    robot = options.get("robot", "bluerov2_alpha5")
     if isinstance(robot, str):
         robot = load_robot(robot)
+    # A mission of a robot with a tool: where there is none, only who learns is another.
+    who_reaches = robot if robot.tools else load_robot("bluerov2_alpha5")
+    scenario = reach(robot=who_reaches, learn_load=True, observer=options.get("observer", True))
     setup = replace(scenario.setup(), robot=robot, start=np.array(robot.configuration()))
     (finding,) = check_load(setup)
     refusal = refused(robot, scenario)

@@ -94,8 +94,9 @@ class DynamicController(TableDisplay):
 
         sensors: what is known of their delays, by which the loops are slower than `gains`; not late
         unless given. load: how what the tool carries is learnt; `None` learns nothing. Raises
-        `InvalidInput` for a vehicle without thrusters and for learning without the observer, or
-        where an axis bears no force or any; `FrameNotFound` for learning without a tool.
+        `InvalidInput` for a vehicle without thrusters, for a kinematic controller of another robot
+        and for learning without the observer, or where an axis bears no force or any;
+        `FrameNotFound` for learning without a tool.
         """
         if robot.n_vehicle and not robot.description.thrusters:
             raise InvalidInput(
@@ -116,9 +117,6 @@ class DynamicController(TableDisplay):
         self._tick = ForceTick(laws)
         self.memory = self._tick.memory
         """Memory of the force layer, a `ForceMemory`."""
-        self._hear_forces, self._ask_forces = bind_kernels(
-            (hear_forces, ask_forces), (type(kinematic.memory), type(self.memory))
-        )
         # Parts of it are made anew whenever they are asked for.
         self._detection = self.memory.detection
         self._allocation = self.memory.allocation
@@ -138,6 +136,16 @@ class DynamicController(TableDisplay):
         if self.learner is not None:
             for name, value in self.learner.telemetry().items():
                 self._loads[name] = np.array(value, dtype=float)
+        n_q = len(kinematic.memory.q)
+        n_v = len(kinematic.memory.v)
+        if (n_q, n_v) != (robot.n_q, robot.n_v):
+            raise InvalidInput(
+                f"kinematic: for {n_v} axes and configurations of {n_q} numbers, while robot"
+                f" {robot.name!r} has {robot.n_v} and {robot.n_q}; give one of the same robot"
+            )
+        self._hear_forces, self._ask_forces = bind_kernels(
+            (hear_forces, ask_forces), (type(kinematic.memory), type(self.memory))
+        )
 
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
