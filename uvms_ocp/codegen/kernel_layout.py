@@ -280,7 +280,7 @@ def connect(memory: Layout) -> bool:
     """
     are_compiled = True
     for part in functions_in(memory):
-        if part.function.nnz_out():
+        if part.function.n_out():
             part.call = compiled_symbol(part.function)
             are_compiled &= part.call is not None
     return are_compiled
