@@ -37,6 +37,7 @@ DOUBTS = import_module("spoiled.doubts").DOUBTS
 KINDS = import_module("spoiled.kinds").KINDS
 PARTS = (
     "deg, or of another format",
+    ": the motion repeats",
     "give missing: ",
     "pulses of 0, which are none",
     "s after",
