@@ -84,6 +84,8 @@ TASKS: dict[str, Task] = {
     "TP": ToolPosition(goal=GOAL),
     "MP": JointTracking(joints=("x0", "y0"), goal=np.zeros(2)),
 }
+OF_A_VEHICLE = ("NR",)
+"""Tasks of axes that a fixed base has not."""
 TERMS: dict[str, Term] = {
     **{name: TaskTerm(task=task) for name, task in TASKS.items()},
     "at rest": AtRest(),
@@ -153,14 +155,14 @@ def planar() -> Robot:
 
 @cache
 def problem_of(name: str) -> OcpProblem:
-    robot = planar()
+    robot = load_robot("bluerov2") if name in OF_A_VEHICLE else planar()
     phases = (
         OcpPhase(name="go", n_steps=2, duration=2.0),
         OcpPhase(name="stay", n_steps=1, duration=1.0),
     )
     return OcpProblem(
         robot=robot,
-        start=State(q=np.zeros(5), v=np.zeros(5)),
+        start=State(q=robot.configuration(joints=np.zeros(robot.n_joints)), v=np.zeros(robot.n_v)),
         phases=phases,
         levels=(
             OcpLevel(name="it", terms=(TERMS[name],), relax=0.1),
@@ -169,7 +171,7 @@ def problem_of(name: str) -> OcpProblem:
         constraints=(AtRest(),),
         floor=-2.0,
         water=False,
-        altimeter_frame="tool",
+        altimeter_frame="tool" if robot.tools else "base_link",
     )
 
 

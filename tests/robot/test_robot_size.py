@@ -9,16 +9,18 @@ import pinocchio as pin
 
 from uvms_ocp.ocp.problem import Actuation
 from uvms_ocp.ocp.transcription.actuation import ActuationModel
-from uvms_ocp.robot import Robot, size
+from uvms_ocp.robot import load_robot, size
 
 
-def test_weight_and_size_are_those_of_the_mass(robot: Robot) -> None:
+def test_weight_and_size_are_those_of_the_mass() -> None:
+    robot = load_robot("girona_maris7")
     total = sum(inertia.mass for inertia in robot.model.inertias[1:])
     np.testing.assert_allclose(size.weight(robot.model), 9.81 * total, rtol=1e-12)
     np.testing.assert_allclose(size.size(robot.model) ** 3, total / 1000.0, rtol=1e-12)
 
 
-def test_units_of_actuators_stay_without_gravity(robot: Robot) -> None:
+def test_units_of_actuators_stay_without_gravity() -> None:
+    robot = load_robot("girona_maris7")
     model = pin.Model(robot.model)
     model.gravity = pin.Motion.Zero()
     units = ActuationModel(robot, Actuation.WRENCH)
