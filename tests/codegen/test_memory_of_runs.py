@@ -11,8 +11,6 @@ import pytest
 from compiler import long_without_compiler, needs_compiler
 
 from uvms_ocp.codegen import loading
-from uvms_ocp.codegen.kernel_layout import connect, functions_in
-from uvms_ocp.estimation.filter_memory import filter_memory
 from uvms_ocp.scenario.cases import case1
 
 
@@ -94,13 +92,3 @@ def test_hundreds_of_changed_runs_and_planners_take_no_more_than_ten() -> None:
     )
     for tenth, last in map(json.loads, done.stdout.splitlines()):
         assert last - tenth < 30.0, done.stdout
-
-
-@needs_compiler
-def test_functions_that_give_nothing_are_connected_too() -> None:
-    """A robot without joints has functions whose values are empty; one that was left out was called
-    at the address 0.
-    """
-    memory = filter_memory(0)
-    assert connect(memory)
-    assert all(part.call for part in functions_in(memory) if part.function.n_out())

@@ -22,7 +22,7 @@ _OF_THRUSTER = re.compile(
 _COMMANDED = re.compile(
     r"|.*_(cmds?|commands?|inputs?|thrust|pwm|set_?points?|refs?|efforts?)(_.*)?"
 )
-"""What follows the number in topics of commands; nothing alone is one, too."""
+"""What may follow the number in a topic of commands: one of these words, or nothing."""
 _NUMBERED = re.compile(r"(?P<before>.*?)_?(?P<number>\d+)(?P<after>(_[a-z]+)*)")
 _TIME_WORDS = {"t", "ts", "time", "timestamp", "stamp", "secs", "seconds"}
 _BESIDE_VALUE = ("header.", "stamp.", "layout.")

@@ -258,11 +258,11 @@ def require_own(own: Iterable[Channel]) -> None:
     """
     names = set(CHANNELS)
     for channel in own:
-        if channel.measure is None or channel.sensor is None:
-            raise InvalidInput(
-                f"channel {channel.name} without {'measure' if channel.measure is None else 'sensor'};"
-                " give a channel of your own both"
-            )
+        for missing in ("measure", "sensor"):
+            if getattr(channel, missing) is None:
+                raise InvalidInput(
+                    f"channel {channel.name} without {missing}; give a channel of your own both"
+                )
         if channel.name in names:
             raise InvalidInput(f"channel {channel.name!r} twice; give each a name of its own")
         names.add(channel.name)

@@ -72,7 +72,7 @@ def simulator_thrusters(root: Element) -> Iterator[tuple[SimulatorThruster, list
     that names no joint and no link has neither.
     """
     for plugin in (*root.findall("gazebo/plugin"), *root.findall("plugin")):
-        name = f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
+        name = name_of_plugin(plugin)
         link = first_text(plugin, ("linkName", "link_name"))
         joint = first_text(plugin, ("jointName", "joint_name"))
         is_thruster = "thruster" in name and "manager" not in name
@@ -91,6 +91,11 @@ def simulator_thrusters(root: Element) -> Iterator[tuple[SimulatorThruster, list
             time_constant=time_constant if time_constant and time_constant > 0.0 else None,
         )
         yield thruster, [part.tag for part in plugin if part.tag not in _READ | _NAMES_ONLY]
+
+
+def name_of_plugin(plugin: Element) -> str:
+    """Return the name of a plugin and of its library, in small letters."""
+    return f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
 
 
 def first_text(plugin: Element, tags: Sequence[str]) -> str | None:

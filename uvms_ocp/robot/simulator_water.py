@@ -22,6 +22,7 @@ from uvms_ocp.robot.description import LinkCoefficients, as_matrix6
 from uvms_ocp.robot.simulator_thrusters import (
     SimulatorThruster,
     first_text,
+    name_of_plugin,
     simulator_thrusters,
     thruster_name,
 )
@@ -94,12 +95,12 @@ def simulator_blocks(root: Element) -> SimulatorBlocks:
     blocks = SimulatorBlocks()
     links = {link.get("name", "") for link in root.findall("link")}
     for plugin in (*root.findall("gazebo/plugin"), *root.findall("plugin")):
-        if "thruster" in f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower():
+        if "thruster" in name_of_plugin(plugin):
             continue
         for place in _DENSITIES:
             _note_density(blocks, plugin.findtext(place))
         if plugin.find("link/hydrodynamic_model") is not None:
-            _read_uuv(blocks, plugin, root)
+            _read_uuv(blocks, plugin, root, links)
         elif first_text(plugin, _NAMES_OF_LINK) and _states_numbers(plugin):
             _read_gazebo(blocks, plugin, links)
         elif plugin.find("link/volume") is not None:
@@ -121,7 +122,7 @@ def _states_numbers(plugin: Element) -> bool:
 
 def _is_of_water(plugin: Element) -> bool:
     """Check whether a plugin speaks of water, and states more than the density of it."""
-    name = f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
+    name = name_of_plugin(plugin)
     tags = [part.tag.lower() for part in plugin if part.tag not in _SETTINGS]
     states_density = any(plugin.find(place) is not None for place in _DENSITIES)
     if states_density and not tags:
@@ -175,13 +176,13 @@ def _with_former(blocks: SimulatorBlocks, name: str, simulator: str) -> tuple[di
     return dict(former.coefficients), f"{former.simulator} and {simulator}"
 
 
-def _read_uuv(blocks: SimulatorBlocks, plugin: Element, root: Element) -> None:
+def _read_uuv(blocks: SimulatorBlocks, plugin: Element, root: Element, links: set[str]) -> None:
     """Read the plugin of uuv_simulator, which has an element for each link."""
-    links = {link.get("name", "") for link in root.findall("link")}
-    unread_settings = [part.tag for part in plugin if part.tag not in _UUV_OF_PLUGIN]
-    unread_settings = [
-        tag for tag in unread_settings if np.isfinite(to_float(plugin.findtext(tag)))
-    ]
+    unread_settings = list[str]()
+    for part in plugin:
+        is_number = np.isfinite(to_float(plugin.findtext(part.tag)))
+        if is_number and part.tag not in _UUV_OF_PLUGIN:
+            unread_settings.append(part.tag)
     if unread_settings:
         blocks.unread.append(f"of uuv_simulator: <{'>, <'.join(unread_settings)}>")
     for element in plugin.findall("link"):
@@ -233,7 +234,8 @@ def _rigid_mass(root: Element, link: str) -> float:
     fixed_joints = root.findall("joint[@type='fixed']")
     for carrier in fixed_links:
         for joint in fixed_joints:
-            parent, child = joint.find("parent"), joint.find("child")
+            parent = joint.find("parent")
+            child = joint.find("child")
             if parent is None or child is None or parent.get("link") != carrier:
                 continue
             if child.get("link", "") not in fixed_links:

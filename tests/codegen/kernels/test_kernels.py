@@ -13,10 +13,18 @@ import refused_kernels
 from compiler import IN_C_AND_PYTHON, needs_compiler
 from sample_kernels import Curious, Memory, Motion, Roots, advance, inquire, take_roots, tick
 
-from uvms_ocp.codegen.kernel_layout import CallbackBinding, Layout, column_view, structure_of
+from uvms_ocp.codegen.kernel_layout import (
+    CallbackBinding,
+    Layout,
+    column_view,
+    connect,
+    functions_in,
+    structure_of,
+)
 from uvms_ocp.codegen.kernel_program import c_program
 from uvms_ocp.codegen.kernels import bind_kernels, make_memory
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.filter_memory import filter_memory
 
 
 def _numbers(memory: ctypes.Structure) -> list[float]:
@@ -164,3 +172,13 @@ def test_what_is_no_kernel_is_refused_with_its_line(kernel: Callable[..., Any]) 
     """Each says in its docstring what the refusal has to tell."""
     with pytest.raises(InvalidInput, match=kernel.__doc__ or "-"):
         c_program((kernel,), (structure_of(refused_kernels.Small, root=_ROOT),))
+
+
+@needs_compiler
+def test_functions_that_give_nothing_are_connected_too() -> None:
+    """A robot without joints has functions whose values are empty; one that was left out was called
+    at the address 0.
+    """
+    memory = filter_memory(0)
+    assert connect(memory)
+    assert all(part.call for part in functions_in(memory) if part.function.n_out())

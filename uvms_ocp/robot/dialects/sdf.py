@@ -22,6 +22,7 @@ from uvms_ocp.robot.dialects.sdf_frames import FrameGraph, PlacedFrame, read_pos
 from uvms_ocp.robot.dialects.sdf_joints import SdfJoint, written_joints
 from uvms_ocp.robot.dialects.sdf_shapes import add_shapes, read_inertia
 from uvms_ocp.robot.dialects.urdf_writer import UrdfWriter
+from uvms_ocp.robot.simulator_thrusters import name_of_plugin
 from uvms_ocp.robot.urdf_elements import Element, quoted
 from uvms_ocp.robot.urdf_findings import Findings
 
@@ -77,7 +78,7 @@ def _only_model(path: Path, root: Element) -> Element:
 
 def _is_buoyancy(plugin: Element) -> bool:
     """Check whether a plugin of a world states the density of its water."""
-    return "buoyancy" in f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
+    return "buoyancy" in name_of_plugin(plugin)
 
 
 def _is_static(model: Element) -> bool:
