@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from compiler import long_without_compiler
-from pressed import pressed_after
+from pressed import PYTHON_MAY_LOSE_IT, pressed_after
 
 import uvms_ocp as uo
 from uvms_ocp.interrupts import Stopped, on_interrupt
@@ -40,6 +40,7 @@ def default_answer() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
+@PYTHON_MAY_LOSE_IT
 @long_without_compiler
 def test_whenever_it_is_pressed_a_run_ends_with_what_was_flown() -> None:
     scenario().run()  # whatever is compiled once

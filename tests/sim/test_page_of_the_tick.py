@@ -11,7 +11,7 @@ import pytest
 import uvms_ocp
 
 ROOT = Path(uvms_ocp.__file__).parent
-PAGE = (ROOT.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
 TICK = PAGE.split("## One tick")[1].split("\n## ")[0]
 SOURCES = {path: path.read_text(encoding="utf-8") for path in sorted(ROOT.rglob("*.py"))}
 
