@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import coal
 import numpy as np
@@ -16,6 +17,7 @@ from uvms_ocp.planning.planned_axes import coordinates
 from uvms_ocp.planning.request import PostureGoal, ToolGoal
 from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.scenario.preflight.arm_reach import ArmReach
@@ -134,6 +136,32 @@ def test_an_attitude_is_reached_the_short_way_round(
     )
     assert x is not None
     assert abs(x[3] - scene.coordinates.x(start)[3]) <= np.pi + 1e-9
+
+
+@pytest.mark.parametrize("joint", ["elbow", "x", "yaw"])
+@pytest.mark.parametrize(
+    "goal", [PostureGoal(position=(1.0, 2.0, -3.0)), PostureGoal(rpy=(0.0, 0.0, 1.0))]
+)
+def test_a_goal_of_the_vehicle_of_a_fixed_base_is_refused(
+    tmp_path: Path, goal: PostureGoal, joint: str
+) -> None:
+    """It was "unknown axis 'x'", or moved a joint that is called as an axis of a vehicle."""
+    TINY["fixed base, no thrusters"].write(tmp_path)
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(urdf.read_text().replace("turn0", joint))
+    arm = load_robot(urdf=urdf, hydrodynamics=tmp_path / "hydrodynamics.yaml")
+    distances = CoalDistances(collision_scene(coordinates(arm), []))
+    refusal = f"robot 'tiny' has a fixed base; give joints only: {joint}"
+    with pytest.raises(InvalidInput, match=refusal):
+        goal.as_coordinates(distances, seed=0)
+    with pytest.raises(InvalidInput, match=refusal):
+        goal.as_tasks(arm, arm.configuration())
+
+
+def test_axes_of_the_vehicle_of_a_fixed_base_are_refused() -> None:
+    arm = robot_of(TINY["fixed base, no thrusters"])
+    with pytest.raises(InvalidInput, match=r"'tiny' has a fixed base, .* 'z'; give .*: turn0"):
+        coordinates(arm, axes=("turn0", "z"))
 
 
 @pytest.mark.parametrize("with_attitude", [False, True])

@@ -200,7 +200,8 @@ def coordinates(
 
     reference (n_q,) [m, rad]: configuration that axes not planned keep; default: origin,
     ``robot.home``. Raises `NameNotFound` for an axis that the robot does not have, and
-    `InvalidInput` for a joint of several axes or a reference that is no valid configuration.
+    `InvalidInput` for an axis of a vehicle on a fixed base, a joint of several axes or a reference
+    that is no valid configuration.
     """
     for joint in robot.joints:
         if joint.n_v != 1:
@@ -214,6 +215,11 @@ def coordinates(
     else:
         planned_names = tuple(axes)
     for name in planned_names:
+        if name in VEHICLE_AXES and name not in names:
+            raise InvalidInput(
+                f"robot {robot.name!r} has a fixed base, and no vehicle with an axis {name!r}; give"
+                f" axes of joints only: {', '.join(names)}"
+            )
         require_known("axis", name, names)
     if reference is None:
         q = robot.configuration()

@@ -220,9 +220,12 @@ class PostureGoal:
         """Return planned axes (n_axes,) [m, rad] at the goal.
 
         Raises `NameNotFound` for an axis that the robot does not have, `InvalidInput` for a number
-        that is not finite and for a goal away from the start on an axis that is not planned.
+        that is not finite, for a goal of the vehicle where there is none, and for a goal away from
+        the start on an axis that is not planned.
         """
         planned = distances.scene.coordinates
+        # On a fixed base, joints may have the names of a vehicle's axes.
+        planned.robot.configuration(position=self.position, rpy=self.rpy)
         all_axes = coordinates(planned.robot)
         goal = planned.reference.copy()
         for name, value in self._values(planned.robot).items():

@@ -334,7 +334,8 @@ def _vehicle_part(
     """
     if not robot.n_vehicle:
         if position is not None or rpy is not None or quaternion is not None:
-            raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only")
+            joints = ", ".join(robot.joint_names) or "it has none"
+            raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only: {joints}")
         return np.zeros(0)
     p_WB = np.zeros(3)
     if position is not None:
