@@ -4,6 +4,7 @@ plant.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,6 +13,7 @@ import pinocchio as pin
 import pytest
 from broken_sensors import BrokenSensors
 from compiler import long_without_compiler
+from scaled_robots import scaled_reach
 
 from uvms_ocp.codegen.kernel_layout import assign, doubles, structure_of
 from uvms_ocp.control.velocity.abort import (
@@ -250,6 +252,23 @@ def test_an_error_that_swings_near_the_goal_does_not_run_away(
     short = ActuationFeedback(short=True)
     swung = reasons(with_abort(still, thrust_after=100.0), short, 40.0, course=swing)
     assert not any(swung)
+
+
+@pytest.mark.parametrize("length", [0.2, 1.0, 5.0])
+def test_the_crests_of_a_swing_are_remembered_for_a_robot_of_any_size(length: float) -> None:
+    """Of large robots they were forgotten before the swing was back at them: one of 40 s, of a robot
+    five times as large as the shipped one, was an error that runs away.
+    """
+    scenario = scaled_reach("bluerov2_alpha5", length)
+    period = math.sqrt(length)
+    short = ActuationFeedback(short=True)
+    patient = with_abort(scenario, thrust_after=1e3, stall_after=1e3)
+    for swing_period in (10.0, 14.0, 18.0):
+
+        def swing(t: float, swing_period: float = swing_period * period) -> float:
+            return length * (1.0 + 0.5 * np.cos(2 * np.pi * t / swing_period))
+
+        assert not any(reasons(patient, short, 60.0 * period, course=swing)), swing_period
 
 
 def test_an_error_that_grows_as_it_swings_runs_away(still: Scenario) -> None:

@@ -300,8 +300,9 @@ class Abort:
     thrust_after: Positive = 20.0
     """[s] time for which the limits of the thrusters keep them from what is asked for."""
     runaway_after: Positive = 5.0
-    """[s] Time in which an error that a phase waits for grows beyond its crests of the last 10 s
-    and more, and none shrinks, with thrusters at their limits for most of them.
+    """[s] Time in which an error that a phase waits for grows beyond its crests of late, and none
+    shrinks, with thrusters at their limits for most of it. Of late: of the last 10 s and more of a
+    robot of 15 kg, of larger ones longer by the root of their size.
     """
     contact: Positive = 0.3
     """Upward force that the model does not know, as a share of the thrusters' largest, that counts

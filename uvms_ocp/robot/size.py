@@ -1,5 +1,5 @@
-"""Weight and size of a robot, of which tolerances in newtons, newton metres and metres are shares: they
-mean the same to a toy of ten grams and to a machine of ten tonnes.
+"""Weight, size and time unit of a robot, of which tolerances in newtons, newton metres, metres and seconds are
+shares: they mean the same to a toy of ten grams and to a machine of ten tonnes.
 """
 
 from __future__ import annotations
@@ -27,6 +27,13 @@ def size(model: pin.Model) -> float:
     15 kg. A fixed base does not count.
     """
     return float(np.cbrt(mass(model) / _WATER_DENSITY))
+
+
+def time_unit(model: pin.Model) -> float:
+    """Return the root of the robot's size over gravity [s], such as 0.16 s for 15 kg: by Froude's
+    similarity motions of a robot and of larger ones of its make last as many of these.
+    """
+    return float(np.sqrt(size(model) / _GRAVITY))
 
 
 def joint_units(robot: Robot) -> np.ndarray:

@@ -16,7 +16,7 @@ from uvms_ocp.mission.progress import MissionMemory, always_grows
 from uvms_ocp.robot import signals
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SAME_TIME
-from uvms_ocp.robot.size import size
+from uvms_ocp.robot.size import size, time_unit
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
@@ -24,7 +24,9 @@ _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
 _SUNK = (0.125, 0.03)
 _SUNK_AFTER = 0.5  # [s] for which arm or hull must be in the floor to be believed
 _GROWTH = 0.1  # share of an error by which it grows where the robot runs away
-_CREST_SPAN = 10.0  # [s] crests are remembered for one to two of it: a swing has one in each
+# time units of the robot, such as 10 s for 15 kg; crests are remembered for one to two of it: a swing has one in
+# each
+_CREST_SPAN = 63.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -123,8 +125,10 @@ class AbortMemory(Layout):
     crest: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [unit of the quantity] largest values in the two spans until `runaway_since`.
     """
+    crest_span: float
+    """[s] for which crests are remembered at least."""
     span_since: float
-    """[s] since when the present span of `_CREST_SPAN` lasts."""
+    """[s] since when the present span of `crest_span` lasts."""
     span_crest: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [unit of the quantity] largest values in the present span."""
     last_crest: Annotated[Vector, Sized("n_quantities")]
@@ -243,9 +247,9 @@ def _remember_crests(abort: AbortMemory, t: float, quantities: Vector, is_new: b
     """Update the largest quantities of the present span and of the one before."""
     if is_new:
         abort.last_crest[:] = quantities
-    elif t - abort.span_since > _CREST_SPAN + SAME_TIME:
+    elif t - abort.span_since > abort.crest_span + SAME_TIME:
         abort.last_crest[:] = abort.span_crest
-    if is_new or t - abort.span_since > _CREST_SPAN + SAME_TIME:
+    if is_new or t - abort.span_since > abort.crest_span + SAME_TIME:
         abort.span_since = t
         abort.span_crest[:] = quantities
     for i in range(len(abort.span_crest)):
@@ -292,6 +296,7 @@ class AbortMonitor:
         abort = mission.abort
         high = [isinstance(task, MinimumAltitude) for task in mission.hierarchy.tasks]
         assign(memory, aborts=abort is not None, began=-math.inf, high=high)
+        memory.crest_span = _CREST_SPAN * time_unit(robot.model)
         memory.sunk_since = memory.contact_since = memory.thrust_since = memory.stall_since = (
             memory.runaway_since
         ) = math.nan
