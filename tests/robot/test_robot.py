@@ -349,6 +349,9 @@ def test_a_missing_empty_or_foreign_urdf_is_refused(tmp_path: Path) -> None:
     empty.write_text("<sdf/>", encoding="utf-8")
     with pytest.raises(RobotDataError, match="no <model> in the <sdf>"):
         load_robot(urdf=empty)
+    empty.write_text("<scenario/>", encoding="utf-8")
+    with pytest.raises(RobotDataError, match="a scene of Stonefish"):
+        load_robot(urdf=empty)
 
 
 def test_meshes_are_found_in_package_dirs_and_beside_the_file(tmp_path: Path) -> None:

@@ -130,7 +130,13 @@ def test_numbers_of_gazebo_resist_whatever_their_sign(sign: float, tmp_path: Pat
             "<gazebo><plugin name='gz::sim::systems::LiftDrag' filename='x.so'/></gazebo>",
             "LiftDrag', which speaks of water",
         ),
-        (uuv(kind="cylinder"), "type 'cylinder' is not read"),
+        (uuv(kind="spheroid"), "type 'spheroid' is not read; allowed: fossen, sphere"),
+        (uuv(kind="cylinder"), "type 'cylinder' without <radius>, <length>, <axis>"),
+        (uuv(kind="sphere", more="<radius>-1</radius>"), "type 'sphere' without <radius>"),
+        (
+            uuv(kind="cylinder", more="<radius>1</radius><length>2</length><axis>i</axis>"),
+            "added mass along the cylinder, which uuv_simulator has in kg/m",
+        ),
         (
             uuv(more="<linear_damping_forward_speed>1</linear_damping_forward_speed>"),
             "not modelled",
@@ -184,6 +190,56 @@ def test_a_link_that_is_neutrally_buoyant_keeps_its_centre_of_buoyancy(tmp_path:
     water = hull_water(proposed(tmp_path, uuv(volume=volume)))
     assert water.volume == pytest.approx(30.0 / 1028.0)
     np.testing.assert_allclose(water.centre_of_buoyancy, [0.0, 0.0, 0.06])
+
+
+RHO = 1028.0
+SPHERE_ADDED = 2 / 3 * np.pi * RHO * 0.3**3
+CYLINDER_WATER = np.pi * RHO * 0.1**2 * 0.6
+
+
+@pytest.mark.parametrize(
+    ("kind", "sizes", "added", "drag"),
+    [
+        (
+            "sphere",
+            "<radius>0.3</radius>",
+            [SPHERE_ADDED, SPHERE_ADDED, SPHERE_ADDED, 0.6, 1.1, 0.9],
+            [0.25 * RHO * np.pi * 0.3**2] * 3,
+        ),
+        (
+            "cylinder",
+            "<radius>0.1</radius><length>0.6</length><axis>j</axis>",
+            [
+                CYLINDER_WATER,
+                0.1 * CYLINDER_WATER,
+                CYLINDER_WATER,
+                CYLINDER_WATER * 0.03,
+                1.1,
+                CYLINDER_WATER * 0.03,
+            ],
+            [
+                0.5 * RHO * 0.74 * 0.06,
+                0.5 * RHO * 0.87 * np.pi * 0.1**2,
+                0.5 * RHO * 0.74 * 0.06,
+            ],
+        ),
+        (
+            "box",
+            "<cd>1.2</cd><length>0.6</length><width>0.4</width><height>0.3</height>",
+            [12, 18, 25, 0.6, 1.1, 0.9],
+            [0.5 * RHO * 1.2 * 0.12, 0.5 * RHO * 1.2 * 0.18, 0.5 * RHO * 1.2 * 0.24],
+        ),
+    ],
+)
+def test_shapes_of_uuv_simulator_have_its_water(
+    kind: str, sizes: str, added: list[float], drag: list[float], tmp_path: Path
+) -> None:
+    proposal = proposed(tmp_path, uuv(kind=kind, more=sizes))
+    water = hull_water(proposal)
+    np.testing.assert_allclose(np.diag(water.added_mass), added)
+    np.testing.assert_allclose(np.diag(water.quadratic_drag), [*drag, 2, 3, 2.5])
+    np.testing.assert_allclose(np.diag(water.linear_drag), [14, 16, 20, 1.5, 2, 1.8])
+    assert water.volume == 0.0335
 
 
 def test_the_water_of_a_world_is_the_models(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from uvms_ocp.robot.description import LinkCoefficients, as_matrix6
+from uvms_ocp.robot.simulator_shapes import OPTIONS, SIZES, missing_sizes, shaped_water
 from uvms_ocp.robot.simulator_thrusters import (
     SimulatorThruster,
     first_text,
@@ -186,44 +187,75 @@ def _read_uuv(blocks: SimulatorBlocks, plugin: Element, root: Element, links: se
     if unread_settings:
         blocks.unread.append(f"of uuv_simulator: <{'>, <'.join(unread_settings)}>")
     for element in plugin.findall("link"):
-        name = element.get("name", "")
         model = element.find("hydrodynamic_model")
-        if model is None:
-            continue
-        where = f"water of link {quoted(name)} (uuv_simulator)"
-        kind = model.findtext("type", "").strip()
-        if name not in links:
-            blocks.unread.append(f"{where}: no such link")
-            continue
-        if kind != "fossen":
-            blocks.unread.append(f"{where}: type {quoted(kind)} is not read, only fossen")
-            continue
-        unread_parts = [part for part in model if part.tag not in _READ_BY_UUV]
-        unread_parts += [part for part in element if part.tag not in _UUV_OF_LINK]
-        for part in unread_parts:
-            blocks.unread.append(f"{where}: <{part.tag}> is not modelled")
-        stated = dict[str, Any]()
-        for key, tag, sign in (
-            ("added_mass", "added_mass", 1.0),
-            ("linear_drag", "linear_damping", -1.0),
-            ("quadratic_drag", "quadratic_damping", -1.0),
-        ):
-            text = model.findtext(tag)
-            if text is not None:
-                stated[key] = _matrix(text, sign)
-        volume = element.findtext("volume")
-        centre = element.findtext("center_of_buoyancy")
-        if element.findtext("neutrally_buoyant", "0").strip().lower() in ("1", "true"):
-            if centre is not None:
-                blocks.density = blocks.density or _UUV_DENSITY
-                stated["volume"] = _rigid_mass(root, name) / blocks.density
-        elif volume is not None:
-            stated["volume"] = to_float(volume.strip())
-        if "volume" in stated:
-            stated["centre_of_buoyancy"] = _three_numbers(centre)
-        elif centre is not None:
-            blocks.unread.append(f"{where}: <center_of_buoyancy> without a volume")
-        _take(blocks, name, "uuv_simulator plugin", stated, where)
+        if model is not None:
+            _read_uuv_link(blocks, element, model, root, links)
+
+
+def _read_uuv_link(
+    blocks: SimulatorBlocks, element: Element, model: Element, root: Element, links: set[str]
+) -> None:
+    """Read the water of one link of uuv_simulator."""
+    name = element.get("name", "")
+    where = f"water of link {quoted(name)} (uuv_simulator)"
+    if name not in links:
+        blocks.unread.append(f"{where}: no such link")
+        return
+    kind = model.findtext("type", "").strip()
+    if kind not in SIZES:
+        allowed = ", ".join(SIZES)
+        blocks.unread.append(f"{where}: type {quoted(kind)} is not read; allowed: {allowed}")
+        return
+    missing = missing_sizes(model)
+    if missing:
+        blocks.unread.append(
+            f"{where}: type {quoted(kind)} without <{'>, <'.join(missing)}>, for which the simulator"
+            " looks at the shapes of the link"
+        )
+        return
+    read = _READ_BY_UUV | {*SIZES[kind], *OPTIONS.get(kind, ())}
+    unread_parts = [part for part in model if part.tag not in read]
+    unread_parts += [part for part in element if part.tag not in _UUV_OF_LINK]
+    for part in unread_parts:
+        blocks.unread.append(f"{where}: <{part.tag}> is not modelled")
+    stated = dict[str, Any]()
+    for key, tag, sign in (
+        ("added_mass", "added_mass", 1.0),
+        ("linear_drag", "linear_damping", -1.0),
+        ("quadratic_drag", "quadratic_damping", -1.0),
+    ):
+        text = model.findtext(tag)
+        if text is not None:
+            stated[key] = _matrix(text, sign)
+    if kind != "fossen":
+        stated |= shaped_water(model, stated, blocks.density or _UUV_DENSITY)
+    if kind == "cylinder":
+        blocks.unread.append(
+            f"{where}: added mass along the cylinder, which uuv_simulator has in kg/m; it is 0.1 of"
+            " that across"
+        )
+    stated |= _uuv_volume(blocks, element, root, where)
+    _take(blocks, name, "uuv_simulator plugin", stated, where)
+
+
+def _uuv_volume(
+    blocks: SimulatorBlocks, element: Element, root: Element, where: str
+) -> dict[str, Any]:
+    """Return volume and centre of buoyancy of a link of uuv_simulator, as far as it states them."""
+    stated = dict[str, Any]()
+    volume = element.findtext("volume")
+    centre = element.findtext("center_of_buoyancy")
+    if element.findtext("neutrally_buoyant", "0").strip().lower() in ("1", "true"):
+        if centre is not None:
+            blocks.density = blocks.density or _UUV_DENSITY
+            stated["volume"] = _rigid_mass(root, element.get("name", "")) / blocks.density
+    elif volume is not None:
+        stated["volume"] = to_float(volume.strip())
+    if "volume" in stated:
+        stated["centre_of_buoyancy"] = _three_numbers(centre)
+    elif centre is not None:
+        blocks.unread.append(f"{where}: <center_of_buoyancy> without a volume")
+    return stated
 
 
 def _rigid_mass(root: Element, link: str) -> float:

@@ -49,6 +49,12 @@ def read_robot_xml(path: Path, package_dirs: Sequence[Path] = ()) -> RobotXml:
         root, more_notes = urdf_of_sdf(path, root, folders)
     elif root.tag == "mujoco":
         root, more_notes = urdf_of_mjcf(path, root)
+    elif root.tag == "scenario":
+        raise RobotDataError(
+            path,
+            "a scene of Stonefish, whose masses come of its materials and meshes; allowed:"
+            f" {_ALLOWED}, such as the URDF of its robot",
+        )
     else:
         raise RobotDataError(
             path, f"not a robot file, the root element is <{root.tag}>; allowed: {_ALLOWED}"
