@@ -10,7 +10,29 @@ import numpy as np
 PREFIXES = ("", "", "", "sensor_rov/", "camera_boat/", "ins/", "thruster_rov_", "tool.", "rov1/")
 HULLS = ("hull", "base", "vehicle", "body", "frame", "pressure_hull", "chassis")
 THRUSTERS = ("links", "spinning", "ducted", "mounted", "by_joint", "astern", "anonymous")
-ENDS = ("tcp", "nothing", "jaws", "phalanges", "blade", "load_cell", "eye", "tool_frame", "named")
+ENDS = (
+    "tcp",
+    "nothing",
+    "jaws",
+    "phalanges",
+    "blade",
+    "load_cell",
+    "eye",
+    "tool_frame",
+    "named",
+    "finger_wrist",
+)
+ARMS = ("arm", "link", "rs2 21", "segment", "axis")
+MISLEADING_ARMS = (
+    "sonar manipulator",
+    "light arm",
+    "camera arm",
+    "probe arm",
+    "thruster arm",
+    "blade axis",
+    "jaw segment",
+    "gimbal gripper",
+)
 EXTRAS = (
     "ballast",
     "head",
@@ -165,8 +187,13 @@ def _add_thrusters(m: DrawnMechanism, kind: str, hull: str) -> None:
 
 def _add_arm(m: DrawnMechanism, hull: str, side: str, end: str, n_joints: int) -> str:
     """Add an arm, and return the link in the middle of it."""
-    word = str(m.rng.choice(["arm", "link", "rs2 21", "segment", "axis"]))
+    word = str(m.rng.choice(ARMS))
+    if m.rng.uniform() < 0.4:
+        word = str(m.rng.choice(MISLEADING_ARMS))
+        side = f"{word} {side}"
     links = [f"{side}{word} {k}" for k in range(n_joints)]
+    if end == "finger_wrist":
+        links[-1] = f"{side}finger wrist"
     parent = hull
     for k, name in enumerate(links):
         kind = "continuous" if k and m.rng.uniform() < 0.1 else "revolute"
@@ -192,12 +219,14 @@ def _add_arm(m: DrawnMechanism, hull: str, side: str, end: str, n_joints: int) -
     elif end == "eye":
         m.add(parent, f"{side}wrist camera", "fixed", mass=0.1)
     m.tools.add(m.link_name(tool))
-    if end in ("jaws", "phalanges"):
+    if end in ("jaws", "phalanges", "finger_wrist"):
         word = str(m.rng.choice(["finger", "piece", "rs3"]))
         for k in range(int(m.rng.integers(2, 4))):
             m.add(parent, f"{side}{word} {k} a", mass=0.05)
             if end == "phalanges":
                 m.add(f"{side}{word} {k} a", f"{side}{word} {k} b", mass=0.05)
+                if n_joints > 3:
+                    m.add(f"{side}{word} {k} b", f"{side}{word} {k} c", mass=0.05)
     elif end == "blade":
         name = f"{side}{m.rng.choice(['cutter blade', 'rotor', 'saw', 'propeller tool'])}"
         m.add(parent, name, "continuous", mass=0.1, axis="1 0 0", at="0 0 0")

@@ -162,6 +162,79 @@ CASES: dict[str, tuple[str, int, tuple[str, ...], tuple[str, ...]]] = {
         ARM_JOINTS,
     ),
 }
+
+
+def chain(parent: str, *links: str, mass: float = 1.0) -> str:
+    """Return links that hang on each other by joints that turn."""
+    text = ""
+    for name in links:
+        text += part(parent, name, mass=mass)
+        parent = name
+    return text
+
+
+def joints_of(*links: str) -> tuple[str, ...]:
+    return tuple(f"{name}_j" for name in links)
+
+
+SONAR = tuple(f"sonar_manipulator_{k}" for k in range(4))
+LIGHT = ("light_arm/shoulder", "light_arm/elbow", "light_arm/wrist")
+MIXED = ("sonar_shoulder", "camera_elbow", "light_wrist")
+THRUSTER = tuple(f"thruster_side_arm_{k}" for k in range(3))
+BLADE = tuple(f"blade_arm_{k}" for k in range(3))
+JAWS_ALONE = ("jaw_base_yaw", "jaw_base_pitch", "jaw_base_roll")
+CAMERA = tuple(f"cam_arm_{k}" for k in range(4))
+ROV_ARM = tuple(f"sensor_rov/arm_{k}" for k in range(3))
+MISLEADING: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
+    # parts, tools, joints that move
+    "a sonar manipulator": (chain("hull", *SONAR), SONAR[-1:], SONAR),
+    "a light arm": (chain("hull", *LIGHT), LIGHT[-1:], LIGHT),
+    "a light arm with a gripper": (
+        chain("hull", *LIGHT) + fixed(LIGHT[-1], "light_arm/gripper"),
+        ("light_arm/gripper",),
+        LIGHT,
+    ),
+    "a light arm with two jaws": (
+        chain("hull", *LIGHT) + part(LIGHT[-1], "light_arm/l") + part(LIGHT[-1], "light_arm/r"),
+        LIGHT[-1:],
+        LIGHT,
+    ),
+    "an arm of links called otherwise, sensors all": (chain("hull", *MIXED), MIXED[-1:], MIXED),
+    "an arm with the prefix of a vehicle": (chain("hull", *ROV_ARM), ROV_ARM[-1:], ROV_ARM),
+    "an arm beside thrusters": (chain("hull", *THRUSTER), THRUSTER[-1:], THRUSTER),
+    "an arm called a blade": (chain("hull", *BLADE), BLADE[-1:], BLADE),
+    "an arm of two joints called screws": (
+        chain("hull", "screw_axis_1", "screw_axis_2"),
+        ("screw_axis_2",),
+        ("screw_axis_1", "screw_axis_2"),
+    ),
+    "an arm of joints called jaws": (chain("hull", *JAWS_ALONE), JAWS_ALONE[-1:], JAWS_ALONE),
+    "a camera arm with a piston": (
+        chain("hull", *CAMERA) + part(CAMERA[1], "piston", "prismatic", mass=0.1),
+        CAMERA[-1:],
+        CAMERA,
+    ),
+    "a wrist called a finger, which carries two": (
+        chain("hull", "upper", "fore", "finger_wrist")
+        + part("finger_wrist", "p_1", mass=0.05)
+        + part("finger_wrist", "p_2", mass=0.05),
+        ("finger_wrist",),
+        ("upper", "fore", "finger_wrist"),
+    ),
+    "a claw that turns, with its jaws": (
+        chain("hull", "upper", "fore", "claw_rotate")
+        + part("claw_rotate", "jaw_1", mass=0.05)
+        + part("claw_rotate", "jaw_2", mass=0.05),
+        ("claw_rotate",),
+        ("upper", "fore", "claw_rotate"),
+    ),
+    "three fingers of three joints": (
+        chain("hull", "a", "b", "c")
+        + "".join(chain("c", f"q_{k}", f"r_{k}", f"t_{k}", mass=0.05) for k in range(3)),
+        ("c",),
+        ("a", "b", "c"),
+    ),
+}
 PREFIXES = ("", "sensor_rov/", "camera_boat/", "ins/", "thruster_rov_", "tool.")
 
 
@@ -191,6 +264,34 @@ def test_a_prefix_that_all_names_share_says_nothing(prefix: str, kind: str, tmp_
     assert len(robot.thruster_names) == n_thrusters
     assert robot.tools == tuple(prefix + name for name in tools)
     assert robot.joint_names == tuple(prefix + name for name in joints)
+
+
+@pytest.mark.parametrize("kind", MISLEADING)
+def test_names_of_an_arm_do_not_lock_it(kind: str, tmp_path: Path) -> None:
+    parts, tools, links = MISLEADING[kind]
+    robot = proposed(tmp_path, parts + fixed_thrusters()).robot
+    assert robot.tools == tools
+    assert robot.joint_names == joints_of(*links)
+    assert len(robot.thruster_names) == 4
+
+
+def test_an_arm_of_three_joints_that_ends_in_sensors_is_asked(tmp_path: Path) -> None:
+    pan = chain("hull", "c_pan", "c_tilt", "c_roll") + fixed("c_roll", "stereo_camera")
+    for parts in (pan, chain("hull", *MIXED), chain("hull", *LIGHT)):
+        questions = proposed(tmp_path, ARM + TCP + parts + fixed_thrusters()).questions
+        assert any("taken for an arm, and ends in what is called" in line for line in questions)
+    gripper = chain("hull", *LIGHT) + fixed(LIGHT[-1], "light_arm/tcp")
+    questions = proposed(tmp_path, gripper + fixed_thrusters()).questions
+    assert not any("taken for an arm" in line for line in questions)
+
+
+def test_a_single_joint_called_a_finger_may_be_a_wrist(tmp_path: Path) -> None:
+    parts = chain("hull", "upper", "fore", "finger_wrist") + fixed_thrusters()
+    questions = proposed(tmp_path, parts).questions
+    assert any("finger_wrist_j: fingers" in line and "wrist" in line for line in questions)
+    urdf = tmp_path / "robot.urdf"
+    robot = propose(urdf, base="free_flyer", tool=("finger_wrist",)).robot
+    assert robot.joint_names == joints_of("upper", "fore", "finger_wrist")
 
 
 def test_each_role_is_told_with_its_reason(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ _SHORT_SHARE = 0.4
 """Sizes of the robot, of the same distance."""
 _GIMBAL_JOINTS = 2  # between the vehicle and a thruster that they point, at most
 HEAD_JOINTS = 2  # of a head that pans and tilts
-_FINGER_JOINTS = 2  # of a finger that bends
+_FINGER_JOINTS = 3  # of a finger that bends, no more than the arm has that it is on
 _ALONG = 0.99  # cosine to an axis of the vehicle, of what slides along it
 _SLIDING = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
 
@@ -72,16 +72,21 @@ def kinds_of(tree: LinkTree) -> Iterator[tuple[int, str]]:
 
 def _carries_propellers_alone(tree: LinkTree, joint: int) -> bool:
     """Check whether a joint turns a propeller of the vehicle, or points some of them: what ends in
-    one after more joints, or holds a tool beside it, is an arm.
+    one after more joints, or after a joint and before an end stop, or holds a tool beside it, is an
+    arm.
     """
     if tree.ends_in_tool(joint):
         return False
     for k in tree.below(joint):
         if tree.children(k):
             continue
-        if not tree.words.is_called("propeller", *tree.names(k)):
+        names = tree.names(k)
+        if not tree.words.is_called("propeller", *names):
             return False
-        if len(tree.above(k)) > _GIMBAL_JOINTS:
+        n_above = len(tree.above(k))
+        has_end = tree.has_range(k) and not tree.is_endless(k)
+        is_arm = n_above > 0 and has_end and not tree.words.is_called("fin", *names)
+        if is_arm or n_above > _GIMBAL_JOINTS:
             return False
     return True
 
@@ -113,14 +118,14 @@ def _is_finger(tree: LinkTree, joint: int) -> bool:
     """Check whether a joint closes a gripper: by its name, as one of several alike at the end of an
     arm, or below a frame of its link which is called the tool.
     """
-    if tree.words.is_called("finger", *tree.names(joint)):
-        return True
     palm = int(tree.model.parents[joint])
     n_joints = len(tree.below(joint))
+    if _is_called_finger(tree, joint):
+        return True
     if palm <= tree.carrier or n_joints > _FINGER_JOINTS:
         return False
     if n_joints > 1:
-        is_end_of_arm = len(tree.above(joint)) > 1
+        is_end_of_arm = len(tree.above(joint)) >= n_joints
         is_fork = any(len(tree.children(k)) > 1 for k in tree.below(joint))
         if is_fork or not is_end_of_arm or tree.ends_in_tool(joint):
             return False
@@ -131,6 +136,17 @@ def _is_finger(tree: LinkTree, joint: int) -> bool:
             fingers_alike.append(sibling)
     holds_tool = any(i not in tree.inner and tree.is_tip(i) for i in tree.bodies[palm])
     return len(fingers_alike) > 1 or holds_tool
+
+
+def _is_called_finger(tree: LinkTree, joint: int) -> bool:
+    """Check whether a joint is called a finger, and is no wrist that carries fingers."""
+    if not tree.words.is_called("finger", *tree.names(joint)):
+        return False
+    is_palm = any(len(tree.children(k)) > 1 for k in tree.below(joint))
+    if not is_palm:
+        return True
+    siblings = [k for k in tree.children(tree.model.parents[joint]) if k != joint]
+    return any(tree.words.is_called("finger", *tree.names(sibling)) for sibling in siblings)
 
 
 def _slides_ballast(tree: LinkTree, joint: int) -> bool:
@@ -162,7 +178,20 @@ def _is_slider(tree: LinkTree, joint: int) -> bool:
 
 
 def _carries_sensors_alone(tree: LinkTree, joint: int) -> bool:
-    """Check whether all links that a joint moves are sensors."""
+    """Check whether all links that a joint moves are sensors, on no more joints than a head has."""
+    if not _is_called_sensors(tree, joint):
+        return False
+    first = joint
+    for k in tree.above(joint):
+        if _is_called_sensors(tree, k):
+            first = k
+    n_above_first = len(tree.above(first))
+    deepest = max(len(tree.above(k)) for k in tree.below(first))
+    return deepest - n_above_first < HEAD_JOINTS
+
+
+def _is_called_sensors(tree: LinkTree, joint: int) -> bool:
+    """Check whether all links that a joint moves are called sensors."""
     links = list[int]()
     for k in tree.below(joint):
         links += tree.bodies[k]

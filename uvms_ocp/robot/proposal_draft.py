@@ -36,7 +36,7 @@ _ROTOR_SHARE = 0.01
 _SLIDE_SHARE = 0.06
 _FINGERS = (
     "fingers that mimic none, held still; <mimic> in the URDF makes them one joint, without `lock`"
-    " each is its own"
+    " each is its own; of a wrist give --tool LINK"
 )
 _EMPTY = (
     "moves nothing that has a mass, and is held still; give its links <inertial>, and take it out"
@@ -243,8 +243,8 @@ class ProposalDraft:
             yield from self._thruster_questions()
 
     def _arm_questions(self) -> Iterator[str]:
-        """Ask whether short arms are some, and whether joints that are called sensors are none: of long
-        chains, or where no other arm is there.
+        """Ask whether arms that may be heads or fins are some, and whether joints that are called sensors
+        are none where no arm is there.
         """
         requested = self._requested_joints()
         doubtful = [name for name in self.roles.short_arms if self._is_free(name, requested)]
@@ -259,11 +259,15 @@ class ProposalDraft:
                 f"joint {', '.join(endless)}: turns without end at the end of an arm, taken for a"
                 " wrist; of a drill, a brush or alike give --lock JOINT=0, which holds it still"
             )
-        asked = self.roles.sensor_chains
-        if not self.tools and not self.roles.candidates:
-            asked = self.roles.sensors
-        sensors = [name for name in asked if name in self.reading.lock]
-        if sensors:
+        heads = [name for name in self.roles.likely_heads if self._is_free(name, requested)]
+        if heads:
+            yield (
+                f"joint {', '.join(heads)}: taken for an arm, and ends in what is called a sensor; of a"
+                " head give --lock JOINT=0, which holds it still"
+            )
+        has_arm = bool(self.tools or self.roles.candidates)
+        sensors = [name for name in self.roles.sensors if name in self.reading.lock]
+        if sensors and not has_arm:
             yield (
                 f"joint {', '.join(sensors)}: moves what is called a sensor, and is held still;"
                 " --tool LINK makes an arm of it"

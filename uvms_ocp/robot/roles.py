@@ -8,7 +8,7 @@ hydrodynamics.yaml names, or to what is found here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -63,8 +63,10 @@ class Roles:
     """Joints of arms of the vehicle that may be none: of one joint or two, which end in nothing that
     is called a tool or a finger.
     """
-    sensor_chains: tuple[str, ...]
-    """Joints that move nothing but sensors by their names, on chains of more joints than a head has."""
+    likely_heads: tuple[str, ...]
+    """Joints of arms of three joints that may be a head: all links of it, or all that its last joint
+    carries, are called sensors.
+    """
     endless_ends: tuple[str, ...]
     """Last joints of arms that turn without end, and carry one link that nothing says to be a hand:
     wrists, or spinning tools.
@@ -115,20 +117,35 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
         base=_base(tree),
         tools=tuple(tools),
         short_arms=short_arms,
-        sensor_chains=tuple(_sensor_chains(tree, kinds)),
+        likely_heads=tuple(model.names[joint] for joint in _likely_heads(tree, ends)),
         endless_ends=tuple(endless_ends),
         **names_by_kind,
     )
 
 
-def _sensor_chains(tree: LinkTree, kinds: Mapping[int, str]) -> Iterator[str]:
-    """Yield the joints that move sensors on chains of more joints than a head has."""
-    for joint, kind in kinds.items():
-        if kind != "sensors":
+def _likely_heads(tree: LinkTree, ends: Sequence[int]) -> Iterator[int]:
+    """Yield the joints of arms with one joint more than a head has, which may turn sensors about three
+    axes. ends: the last joint of each arm.
+    """
+    if tree.carrier == 0:
+        return
+    for end in ends:
+        chain = [*reversed(tree.above(end)), end]
+        if len(chain) != HEAD_JOINTS + 1 or tree.ends_in_tool(chain[0]):
             continue
-        chain = [*tree.above(joint), *tree.below(joint)]
-        if sum(kinds.get(k) == "sensors" for k in chain) > HEAD_JOINTS:
-            yield tree.model.names[joint]
+        links = [i for joint in chain for i in tree.bodies[joint]]
+        are_sensors = all(_is_called_sensor(tree, i) for i in links)
+        carried = tree.bodies[end][1:]
+        carries_sensors = bool(carried) and all(_is_called_sensor(tree, i) for i in carried)
+        if are_sensors or carries_sensors:
+            yield from chain
+
+
+def _is_called_sensor(tree: LinkTree, frame: int) -> bool:
+    """Check whether a link is called a sensor, itself or by the prefix of its arm."""
+    name = tree.name(frame)
+    is_called = tree.words.is_called("sensor", name)
+    return is_called or tree.words.is_on_arm_called("sensor", name)
 
 
 def _short_arms(tree: LinkTree, arm: Sequence[int], ends: Sequence[int]) -> Iterator[int]:
@@ -156,7 +173,9 @@ def _base(tree: LinkTree) -> str:
 
 
 def _tips(tree: LinkTree, joint: int) -> tuple[str, ...]:
-    """Return candidates for the tool at the last joint of a chain."""
+    """Return candidates for the tool at the last joint of a chain: the link that it moves where all
+    that it carries are called sensors or fingers.
+    """
     ends = list[str]()
     for i in tree.bodies[joint]:
         if not tree.is_no_tool(i) and tree.is_end(i):
@@ -165,6 +184,8 @@ def _tips(tree: LinkTree, joint: int) -> tuple[str, ...]:
     called_tips = [name for name in called_tips if name in ends]
     if len(called_tips) == 1:
         return tuple(called_tips)
+    if not ends:
+        return tuple(tree.name(i) for i in tree.bodies[joint][:1])
     return tuple(ends)
 
 
