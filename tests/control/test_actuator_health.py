@@ -20,7 +20,7 @@ from uvms_ocp.control.faults.authority import (
     Authority,
     AuthorityMemory,
     authority_in,
-    authority_sizes,
+    authority_program,
     judge_authority,
 )
 from uvms_ocp.control.faults.detection import (
@@ -33,7 +33,7 @@ from uvms_ocp.control.faults.detection import (
 from uvms_ocp.control.faults.fault_classification import FaultFit, classify_fault
 from uvms_ocp.control.faults.joint_faults import JointFaultMemory, detect_joint_faults
 from uvms_ocp.control.faults.monitor import (
-    detection_sizes,
+    detection_parts,
     joint_verdicts,
     thruster_verdicts,
     window_capacity,
@@ -51,6 +51,7 @@ from uvms_ocp.control.faults.verdicts import (
     thruster_alarm,
 )
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -81,9 +82,10 @@ def authority_of(
     compiled: bool = True,
 ) -> Authority:
     """The control authority left with this effectiveness, for a robot that `trim` holds still."""
-    kinds = [
-        structure_of(kind, **authority_sizes(len(lower)))
-        for kind in (AuthorityMemory, ThrusterEffectiveness)
+    n = len(lower)
+    kinds: list[Any] = [
+        structure_of(AuthorityMemory, n_thrusters=n, program=authority_program(n)),
+        structure_of(ThrusterEffectiveness, n_thrusters=n),
     ]
     (judge,) = bind_kernels((judge_authority,), kinds, compiled=compiled)
     memory = kinds[0]()
@@ -438,10 +440,11 @@ def looks_of(machine: Robot) -> tuple[Any, Callable[..., int], int]:
     tuning = ActuatorHealthTuning()
     dt = 0.02
     residual_filter = residual_filter_for(tuning, bandwidth=3.0, dt=dt)
-    sizes = detection_sizes(
+    parts = detection_parts(
         machine, robot_dynamics(machine).symbolic, tuning, residual_filter.every * dt
     )
-    memory, (look,) = make_memory(structure_of(FaultDetection, **sizes), (detect_faults,))
+    structure = structure_of(FaultDetection, dimensions_of(machine), **parts)
+    memory, (look,) = make_memory(structure, (detect_faults,))
     write_detection(memory, machine, tuning, residual_filter, bandwidth=3.0, dt=dt)
     return memory, look, residual_filter.every
 

@@ -23,15 +23,16 @@ from uvms_ocp.control.velocity.abort import (
     ActuationFeedback,
     abort_reason,
 )
-from uvms_ocp.control.velocity.ascent import AscentMemory, aim_ascent, ascent_goal, ascent_sizes
+from uvms_ocp.control.velocity.ascent import AscentMemory, aim_ascent, ascent_functions, ascent_goal
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.mission.mission import write_mission
 from uvms_ocp.mission.phase import Abort
-from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
+from uvms_ocp.mission.progress import MissionMemory, quantities_read, with_phases, write_state
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.description import checked_copy
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.shapes.hull import lowest_point, skid_points
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, StateEstimate, Trust
 from uvms_ocp.robot.size import size
@@ -71,9 +72,10 @@ def reasons(
     control = scenario.kinematic_controller()
     mission = scenario.mission
     names = quantities_read(mission.all_phases)
-    sizes = {"n_tasks": mission.n_tasks, "n_quantities": len(names), **sizes_of(mission.all_phases)}
-    phases = structure_of(MissionMemory, **sizes)()
-    memory = structure_of(AbortMemory, **sizes)()
+    quantities = Dimensions(n_quantities=len(names))
+    dimensions = with_phases(quantities, mission.all_phases, mission.n_tasks)
+    phases = structure_of(MissionMemory, dimensions)()
+    memory = structure_of(AbortMemory, dimensions)()
     write_mission(phases, mission, names)
     distress = AbortMonitor(mission, scenario.robot, memory)
     assign(memory, short=feedback.short, push=feedback.push, spent=feedback.spent)
@@ -313,9 +315,8 @@ def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(
     yaw = 2.5
     q = still.robot.configuration(position=(1.0, 2.0, -9.0), rpy=(0.3, -0.4, yaw)).copy()
     q[still.robot.joint_q] = still.robot.limits.position_upper + beyond
-    memory = structure_of(AscentMemory, **ascent_sizes(still.robot, still.mission, None))(
-        altitude=2.5
-    )
+    functions = ascent_functions(still.robot, still.mission, None)
+    memory = structure_of(AscentMemory, **functions)(altitude=2.5)
     for floor, rise in ((np.nan, 2.5), (q[2] - 1.0, 1.5), (q[2] - 3.0, 0.0)):
         aim_ascent(memory, doubles(q), floor)
         goal = ascent_goal(memory)

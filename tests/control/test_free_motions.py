@@ -88,12 +88,12 @@ def test_forces_are_those_that_thrusters_give_and_feed_no_free_motion(robot: Rob
     n = robot.n_v
     laws = unit_laws(robot, DT)
     control = control_function(laws)
-    places = column_places(ForceInputs, laws.sizes)
+    places = column_places(ForceInputs, laws.dimensions)
     inputs = np.zeros(control.size1_in(0))
     observed = np.zeros(control.size1_in(1))
     inputs[places["q"]] = robot.configuration(rpy=(0.1, 0.3, 0.2))
     inputs[places["v"]], inputs[places["reference"]] = 0.05 * rng.normal(size=(2, n))
-    state = column_places(ForceState, laws.sizes)
+    state = column_places(ForceState, laws.dimensions)
     inputs[places["joints"]] = 1.0
     observed[state["share"]] = 1.0
     observed[state["before"]] = inputs[places["reference"]]

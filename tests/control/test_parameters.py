@@ -22,14 +22,16 @@ from uvms_ocp.control.velocity.goals import (
     load_goals,
     measured_distances,
     mission_parameters,
-    nearest_sizes,
+    motion_function,
+    with_nearest,
 )
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.progress import write_state
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_layout_sizes
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, any_places, with_any_distances
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
 from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.tasks.clearance import Clearance
@@ -262,10 +264,13 @@ def test_kernels_and_python_measure_the_same_of_shapes_that_have_a_form_in_c(rob
     rocks = [ball(1.6, 0.4, -0.3), ball(-1.8, 0.0, 0.4)]
     rng = np.random.default_rng(6)
     pairs = NearestPairs(task="CL", model=CollisionModel(robot, rocks), n=6, threshold=0.05)
-    sizes = nearest_sizes(robot, [pairs], robot.n_q, robot.n_v) | distance_layout_sizes(
-        [pairs.model], robot
-    )
-    memory = structure_of(NearestMemory, **sizes)()
+    dimensions = with_nearest(dimensions_of(robot), [pairs])
+    memory = structure_of(
+        NearestMemory,
+        with_any_distances(dimensions, [pairs.model], robot),
+        integrate=motion_function(robot, [pairs], dimensions),
+        places=any_places([pairs.model], robot),
+    )()
     DistanceProvider(memory, [(0, pairs.n_parameters, pairs)], robot)
     assert memory.pairs[0].in_c
     looks, measures = bind_memory(memory, (place_along_stop, measure_pairs))

@@ -224,8 +224,8 @@ def test_driven_axes_accelerate_as_asked_whatever_pitch_makes_of_it(robot: Robot
     disturbance = rng.normal(size=n)
     inputs = np.zeros(control.size1_in(0))
     observed = np.zeros(control.size1_in(1))
-    places = column_places(ForceInputs, laws.sizes)
-    state = column_places(ForceState, laws.sizes)
+    places = column_places(ForceInputs, laws.dimensions)
+    state = column_places(ForceState, laws.dimensions)
     inputs[places["q"]] = q
     before = v - DT * desired
     measured = v.copy()

@@ -23,19 +23,21 @@ from uvms_ocp.control.velocity.braking import (
     finite_acceleration,
     slow_down,
     step_stop,
-    stop_sizes,
+    stop_functions,
 )
 from uvms_ocp.control.velocity.position_guards import (
     ViabilitySetup,
     models_of,
     position_guards,
-    viability_sizes,
+    viability_functions,
+    with_guards,
 )
 from uvms_ocp.control.velocity.viability import ViabilityMemory, enforce_viability, may_reach_limit
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_layout_sizes
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, any_places, with_any_distances
 from uvms_ocp.robot.shapes.obstacles import Obstacle
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario
@@ -61,7 +63,8 @@ class Stop:
     """The way to rest, by the kernels."""
 
     def __init__(self, robot: Robot, dt: float) -> None:
-        self.way = structure_of(StopMemory, n_limits=1, **stop_sizes(robot, dt))()
+        functions = stop_functions(robot, dt)
+        self.way = structure_of(StopMemory, dimensions_of(robot), n_limits=1, **functions)()
         assign(self.way, dt=dt, acceleration=finite_acceleration(robot))
         connect(self.way)
 
@@ -85,11 +88,14 @@ class Viability:
         self, *, robot: Robot, tasks: tuple, quantity_names: tuple[str, ...], dt: float
     ) -> None:
         guards = position_guards(robot, tasks, quantity_names)
-        sizes = {
-            **viability_sizes(robot, guards, dt),
-            **distance_layout_sizes(models_of(guards), robot),
-        }
-        self.memory = structure_of(ViabilityMemory, **sizes)()
+        models = models_of(guards)
+        dimensions = with_guards(dimensions_of(robot), robot, guards)
+        self.memory = structure_of(
+            ViabilityMemory,
+            with_any_distances(dimensions, models, robot),
+            places=any_places(models, robot),
+            **viability_functions(robot, guards, dt),
+        )()
         self.stop = Stop(robot, dt)
         self.near, self.enforce = bind_memory(self.memory, (may_reach_limit, enforce_viability))
         self.setup = ViabilitySetup(robot, guards, dt, self.memory)

@@ -36,10 +36,10 @@ def laws(name: str) -> ForceLaws:
 
 def weigh(name: str, q: np.ndarray, estimate: np.ndarray) -> tuple[np.ndarray, float]:
     """Disturbance of joints (n_joints,) [N m] by a load, and the share that it explains."""
-    sizes = laws(name).sizes
+    dimensions = laws(name).dimensions
     columns = []
     for kind, values in ((ForceInputs, {"q": q}), (ForceState, {"estimate": estimate})):
-        places = column_places(kind, sizes)
+        places = column_places(kind, dimensions)
         column = np.zeros(max(place.stop for place in places.values()) + 1)
         for field, value in values.items():
             column[places[field]] = value

@@ -11,6 +11,7 @@ import pytest
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.export import tick
 from uvms_ocp.export.c_controller import interface_types
+from uvms_ocp.robot.dimensions import Dimensions
 
 PARTS = ("prepare_tick", "hear_forces", "solve_and_finish", "ask_forces", "force_step")
 """In the order of `uvms_ocp.sim.tick`, which takes what the force layer met in
@@ -45,8 +46,14 @@ def test_what_the_force_layer_met_is_heard_once_the_tick_is_prepared(
 def test_a_command_has_as_many_thrusts_and_torques_as_the_robot(
     n_thrusters: int, n_joints: int
 ) -> None:
-    sizes = {"n_q": 7 + n_joints, "n_v": 6 + n_joints, "n_joints": n_joints}
-    _, kind = interface_types({**sizes, "n_thrusters": n_thrusters, "n_quantities": 1})
+    dimensions = Dimensions(
+        n_q=7 + n_joints,
+        n_v=6 + n_joints,
+        n_joints=n_joints,
+        n_thrusters=n_thrusters,
+        n_quantities=1,
+    )
+    _, kind = interface_types(dimensions)
     outputs = kind()
     arrays = arrays_of(outputs)
     arrays.thrust[:] = 2.0

@@ -9,9 +9,8 @@ import pytest
 from compiler import needs_compiler
 from scipy.optimize import linprog
 
-from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
-from uvms_ocp.solvers.linear_program import LinearProgram, program_sizes, solve_program, value_of
+from uvms_ocp.solvers.linear_program import linear_program, solve_program, value_of
 
 SIZES = ((1, 3), (3, 4), (4, 9), (6, 15))
 
@@ -27,7 +26,7 @@ def solved(
 ) -> Any:
     """The program, or `None` without an answer."""
     m, n = A.shape
-    structure = structure_of(LinearProgram, **program_sizes(m, n))
+    structure = linear_program(m, n)
     p: Any = structure()
     for i in range(m):
         p.A[i][:] = A[i].tolist()

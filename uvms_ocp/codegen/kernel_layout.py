@@ -61,17 +61,46 @@ class Sized:
 Memory = TypeVar("Memory", bound=Layout)
 
 
-def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]) -> type[Memory]:
+def structure_of(
+    layout: type[Memory], dimensions: Any = None, **sizes: int | ca.Function | type[Layout]
+) -> type[Memory]:
     """Return the type of a layout in memory, with the sizes that its arrays and those of its parts
     are declared with, and functions.
 
     It is a structure of ctypes with the fields of the layout, and typed as the layout itself.
 
-    A part whose type is made already is given by its name. Raises `InvalidInput` for a size or
-    function that is not given, and a field of another type.
+    dimensions: whose attributes are sizes by name; sizes: others, functions by the name of their
+    field, and the type of a part that is made already by that of its field. Raises `InvalidInput`
+    for a size or function that is in neither, and a field of another type.
     """
     key: Any = layout
-    return cast(type[Memory], _structure(key, tuple(sorted(sizes.items()))))
+    names = _names(key, frozenset(sizes))
+    read = {}
+    for name in sorted(names):
+        if name in sizes:
+            read[name] = sizes[name]
+        elif hasattr(dimensions, name):
+            read[name] = getattr(dimensions, name)
+    return cast(type[Memory], _structure(key, tuple(read.items())))
+
+
+@lru_cache(maxsize=160)
+def _names(layout: Any, made: frozenset[str]) -> frozenset[str]:
+    """Return the names of all sizes and functions that a layout and its parts are declared with.
+
+    made: names that are given, among which those of parts may be, whose own names do not count.
+    """
+    names = set[str]()
+    for field_name, hint in get_type_hints(layout, include_extras=True).items():
+        item = hint if _item(hint) is None else _item(hint)
+        if _item(hint) is not None:
+            names |= {size for size in _declared(hint) if isinstance(size, str)}
+        is_part = isinstance(item, type) and issubclass(item, Layout)
+        if hint is FunctionField or (is_part and field_name in made):
+            names.add(field_name)
+        elif is_part:
+            names |= _names(item, made)
+    return frozenset(names)
 
 
 @lru_cache(maxsize=80)
@@ -158,14 +187,14 @@ def _item(hint: Any) -> Any:
     return item
 
 
-def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:
-    """Count the entries of each array of one dimension in a layout of nothing else, by name, with
-    the `sizes` given for names.
+def declared_sizes(layout: type[Layout], dimensions: Any) -> dict[str, int]:
+    """Count the entries of each array of one dimension in a layout of nothing else, by name;
+    dimensions: as for `structure_of`.
     """
     declared = dict[str, int]()
     for name, hint in get_type_hints(layout, include_extras=True).items():
         length, *_ = _declared(hint)
-        declared[name] = _length(length, sizes)
+        declared[name] = length if isinstance(length, int) else getattr(dimensions, length)
     return declared
 
 

@@ -8,7 +8,7 @@ import enum
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
@@ -25,6 +25,7 @@ from uvms_ocp.codegen.kernel_layout import (
 )
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, StateEstimate, SymbolicModel
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.robot.kinematics import STEEP
 
 UNSEEN_SLOPE = 0.3
@@ -224,7 +225,7 @@ class LastValidEstimate:
     def __init__(self, robot: Robot, memory: LastValidMemory | None = None) -> None:
         """memory: a `LastValidMemory` of the caller's, who asks the kernel."""
         if memory is None:
-            self.memory = structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)()
+            self.memory = structure_of(LastValidMemory, dimensions_of(robot))()
         else:
             self.memory = memory
         self._last = StateEstimate(
@@ -367,10 +368,12 @@ class LastFloorRange:
         """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is
         ever known.
 
-        memory: an `AltimeterMemory` of the caller's, of the `echo_sizes` of the frame.
+        memory: an `AltimeterMemory` of the caller's, with the `beam_function` of the frame.
         """
         if memory is None:
-            self.memory = structure_of(AltimeterMemory, **echo_sizes(robot, frame))()
+            self.memory = structure_of(
+                AltimeterMemory, dimensions_of(robot), look=beam_function(robot, frame)
+            )()
         else:
             self.memory = memory
         self.memory.exists = frame is not None and robot.has_frame(frame)
@@ -387,11 +390,11 @@ class LastFloorRange:
         return (range_to_last_floor(self.memory, 0.0), False)
 
 
-def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
-    """Return the sizes of an `AltimeterMemory`, and the function of its beam."""
+def beam_function(robot: Robot, frame: str | None) -> ca.Function:
+    """Return the function `look` of an `AltimeterMemory` in this frame, if the robot has it."""
     if frame is not None and not robot.has_frame(frame):
         frame = None
-    return {"n_v": robot.n_v, "look": _beam(robot, frame)}
+    return _beam(robot, frame)
 
 
 @lru_cache(maxsize=8)

@@ -44,7 +44,8 @@ from uvms_ocp.estimation.tuning import (
     SLOWEST_TICK,
     EstimatorTuning,
 )
-from uvms_ocp.robot.channels import CHANNEL_OF, CHANNELS, LARGEST_OWN, Channel, rows_by_name
+from uvms_ocp.robot.channels import CHANNEL_OF, CHANNELS, Channel, rows_by_name
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
@@ -351,16 +352,11 @@ def filter_memory(
     """Make the memory of a robot with that many joints and channels of a user's own, whose function is
     that of `own_measurements`.
     """
-    n_own_rows = LARGEST_OWN * len(own)
+    dimensions = Dimensions(n_joints=n_joints, n_channels=N_CHANNELS + len(own))
     memory = structure_of(
         FilterMemory,
-        n_joints=n_joints,
-        n_commanded=6 + n_joints,
-        n_joint_states=2 * n_joints,
-        n_channels=N_CHANNELS + len(own),
-        n_own_rows=n_own_rows,
-        n_own_entries=n_own_rows * MAIN,
-        n_own_joint_entries=n_own_rows * n_joints,
+        dimensions,
+        n_own_entries=dimensions.n_own_rows * MAIN,
         measure=measure or _measure_nothing(n_joints),
     )()
     memory.n_joints = n_joints

@@ -20,6 +20,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export import tick as exported_tick
 from uvms_ocp.export.c_files import SOURCES, file_names
 from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.signals import Command, StateEstimate
 
 _TELEMETRY = ("phase", "freshness", "status", "viable_share")
@@ -30,13 +31,13 @@ class CController:
     mission.
     """
 
-    def __init__(self, folder: Path, name: str, sizes: dict[str, int], *, forces: bool) -> None:
-        """folder: where the files of C are. name: of the export. sizes: of `interface_types`.
+    def __init__(self, folder: Path, name: str, dimensions: Dimensions, *, forces: bool) -> None:
+        """folder: where the files of C are. name: of the export. dimensions: of `interface_types`.
 
         forces: its commands have thrust and torque. Raises `InvalidInput` where the files cannot be
         compiled, or are of a controller for another robot or mission.
         """
-        types: Any = interface_types(sizes)
+        types: Any = interface_types(dimensions)
         inputs_type, outputs_type = types
         self._inputs = inputs_type()
         self._outputs = outputs_type()
@@ -63,12 +64,10 @@ class CController:
 
 
 def interface_types(
-    sizes: dict[str, int],
+    dimensions: Dimensions,
 ) -> tuple[type[ControllerInputs], type[ControllerOutputs]]:
-    """Return the structures of inputs and outputs for n_q, n_v, n_joints, n_thrusters and
-    n_quantities.
-    """
-    return structure_of(ControllerInputs, **sizes), structure_of(ControllerOutputs, **sizes)
+    """Return the structures of inputs and outputs."""
+    return structure_of(ControllerInputs, dimensions), structure_of(ControllerOutputs, dimensions)
 
 
 def only_name(folder: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ from uvms_ocp.codegen.c_text import EXACT
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import CLibrary, c_library
 from uvms_ocp.control import DynamicController, KinematicController, build_levels
-from uvms_ocp.control.force.tick_functions import column_sizes
 from uvms_ocp.control.velocity import position_guards, tick
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export import tick as exported_tick
@@ -39,6 +39,7 @@ from uvms_ocp.export.c_files import (
 from uvms_ocp.export.names import export_name
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.channels import CHANNELS
+from uvms_ocp.robot.dimensions import Dimensions, dimensions_of
 from uvms_ocp.robot.shapes.gjk import ROUNDS
 from uvms_ocp.scenario.part_factories import our_controller
 from uvms_ocp.scenario.scenario import Scenario
@@ -47,13 +48,13 @@ from uvms_ocp.solvers.hierarchy.core import CompiledSolver, external_core
 from uvms_ocp.version import __version__
 
 
-def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[str, int]:
-    """Return the sizes of `ControllerInputs` and `ControllerOutputs`."""
-    return {
-        **column_sizes(controller.robot),
-        "n_thrusters": n_thrusters,
-        "n_quantities": len(controller.problem.quantity_names),
-    }
+def interface_dimensions(controller: KinematicController, n_thrusters: int) -> Dimensions:
+    """Return the dimensions of `ControllerInputs` and `ControllerOutputs`."""
+    return replace(
+        dimensions_of(controller.robot),
+        n_thrusters=n_thrusters,
+        n_quantities=len(controller.problem.quantity_names),
+    )
 
 
 def controller_memory(controller: KinematicController | DynamicController, core: str) -> Any:
@@ -87,12 +88,12 @@ def kernel_of(memory: Any) -> Callable[..., None]:
 
 
 def controller_library(
-    memory: Any, sizes: dict[str, int], variable: tuple[str, Sequence[float]] | None = None
+    memory: Any, dimensions: Dimensions, variable: tuple[str, Sequence[float]] | None = None
 ) -> CLibrary:
-    """Write a `controller_memory` and its tick in C, with these `interface_sizes`; variable: as for
+    """Write a `controller_memory` and its tick in C, with these `interface_dimensions`; variable: as for
     `c_library`.
     """
-    return c_library((kernel_of(memory),), memory, interface_types(sizes), variable)
+    return c_library((kernel_of(memory),), memory, interface_types(dimensions), variable)
 
 
 @checked
@@ -132,8 +133,8 @@ def exported_controller(
 
     def exported(scenario: Scenario) -> CController:
         path = Path(folder)
-        sizes = interface_sizes(scenario.kinematic_controller(), _n_thrusters(scenario))
-        return CController(path, name or only_name(path), sizes, forces=scenario.takes_forces)
+        dimensions = interface_dimensions(scenario.kinematic_controller(), _n_thrusters(scenario))
+        return CController(path, name or only_name(path), dimensions, forces=scenario.takes_forces)
 
     return exported
 
@@ -142,7 +143,7 @@ def _texts_controller(scenario: Scenario, name: str) -> tuple[dict[str, str], by
     """Return the text of each file of the export of that name, and the recorded run."""
     controller = our_controller(scenario)
     kinematic = controller.kinematic
-    sizes = interface_sizes(kinematic, _n_thrusters(scenario))
+    dimensions = interface_dimensions(kinematic, _n_thrusters(scenario))
     names = ControllerNames(
         export=name,
         phases=tuple(phase.name for phase in scenario.mission.all_phases),
@@ -154,11 +155,11 @@ def _texts_controller(scenario: Scenario, name: str) -> tuple[dict[str, str], by
     solver: Any = scenario.solver
     core = solver.core_source(kinematic.problem.function.size2_out(0), kinematic.problem.sizes)
     memory = controller_memory(controller, core)
-    run = _recorded(scenario, sizes)
+    run = _recorded(scenario, dimensions)
     variable = None
     if places:
         variable = (f"{names.symbol_prefix}{NUMBERS}", numbers)
-    library = controller_library(memory, sizes, variable)
+    library = controller_library(memory, dimensions, variable)
     sources = NamedSources.of(library, core, names)
     readme = template("README.md", name).format(
         scenario=literal(scenario.name),
@@ -188,10 +189,10 @@ def _texts_controller(scenario: Scenario, name: str) -> tuple[dict[str, str], by
     return with_digest(texts, name), run.as_bytes()
 
 
-def _recorded(scenario: Scenario, sizes: dict[str, int]) -> RecordingController:
+def _recorded(scenario: Scenario, dimensions: Dimensions) -> RecordingController:
     """Run the scenario with a fresh controller, recorded."""
     controller = our_controller(scenario)
-    inputs, outputs = interface_types(sizes)
+    inputs, outputs = interface_types(dimensions)
     recording = RecordingController(controller, controller.kinematic, inputs(), outputs())
     scenario.run(controller=recording)
     return recording

@@ -27,6 +27,7 @@ from uvms_ocp.mission.phase import (
 )
 from uvms_ocp.record.display import SmallTable, TableDisplay, TableRows
 from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Task
@@ -243,8 +244,8 @@ class Mission(TableDisplay):
         """Return memory of the kernels for a state; its quantities are those that conditions
         read.
         """
-        sizes = progress.sizes_of(self.all_phases)
-        structure = structure_of(progress.MissionMemory, n_tasks=self.n_tasks, **sizes)
+        dimensions = progress.with_phases(Dimensions(), self.all_phases, self.n_tasks)
+        structure = structure_of(progress.MissionMemory, dimensions)
         memory = structure()
         write_mission(memory, self, progress.quantities_read(self.all_phases))
         progress.write_state(memory, state)

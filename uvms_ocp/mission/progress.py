@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from enum import IntEnum
 from typing import Annotated
 
@@ -25,6 +26,7 @@ from uvms_ocp.mission.phase import (
     is_met,
 )
 from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.signals import SAME_TIME
 
 NONE = -1
@@ -225,11 +227,15 @@ def _enter(mission: MissionMemory, phase: int, t: float) -> None:
         mission.held_since[i] = math.nan
 
 
-def sizes_of(phases: Sequence[Phase]) -> dict[str, int]:
-    """Return the sizes of a `MissionMemory`, but for the number of tasks."""
-    n_transitions = sum(len(phase.transitions) for phase in phases)
-    n_conditions = sum(len(phase.conditions) for phase in phases)
-    return {"n_phases": len(phases), "n_transitions": n_transitions, "n_conditions": n_conditions}
+def with_phases(dimensions: Dimensions, phases: Sequence[Phase], n_tasks: int) -> Dimensions:
+    """Return the dimensions with those of a mission of these phases, with that of an abort."""
+    return replace(
+        dimensions,
+        n_tasks=n_tasks,
+        n_phases=len(phases),
+        n_transitions=sum(len(phase.transitions) for phase in phases),
+        n_conditions=sum(len(phase.conditions) for phase in phases),
+    )
 
 
 def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:

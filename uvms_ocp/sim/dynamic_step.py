@@ -38,6 +38,7 @@ from uvms_ocp.robot import (
     symbolic_dynamics,
     thruster_matrix,
 )
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.robot.electrical_power import joint_power
 from uvms_ocp.robot.size import joint_strength, joint_units
 from uvms_ocp.sim.seafloor_contact import ContactModel
@@ -346,21 +347,14 @@ def advance_plant(plant: PlantMemory) -> None:
 
 def plant_structure(model: StepModel, step: ca.Function) -> type[PlantMemory]:
     """Return the type of the memory of a plant with this `step_function`."""
-    robot = model.robot
-    n = len(model.thrusters.lower)
+    dimensions = dimensions_of(model.robot)
     n_points = len(model.points)
-    sizes = {
-        "n_q": robot.n_q,
-        "n_v": robot.n_v,
-        "n_thrusters": n,
-        "n_joints": robot.n_joints,
-        "n_decays": n * N_DECAYS,
-    }
     return structure_of(
         PlantMemory,
+        dimensions,
         step=step,
+        n_decays=dimensions.n_thrusters * N_DECAYS,
         n_water=3 * len(model.dynamics.links),
         n_points=n_points,
         n_normals=3 * n_points,
-        **sizes,
     )

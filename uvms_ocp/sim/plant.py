@@ -22,6 +22,7 @@ from uvms_ocp.codegen.kernel_layout import (
 )
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.robot import Command, Robot, State, SymbolicModel, signals
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.sim import (
     machine_faults,
 )
@@ -105,7 +106,7 @@ class KinematicPlant(Plant):
         self._robot = robot
         self.faults = faults
         structure = structure_of(
-            KinematicMemory, n_q=robot.n_q, n_v=robot.n_v, integrate=_integration(robot)
+            KinematicMemory, dimensions_of(robot), integrate=_integration(robot)
         )
         self.memory: KinematicMemory
         """Memory of the kernel."""

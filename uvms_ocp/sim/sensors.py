@@ -17,18 +17,18 @@ from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.kernel_layout import CallbackBinding, assign, structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.fallbacks import echo_sizes
-from uvms_ocp.estimation.filter_memory import N_CHANNELS, ChannelIndex, numbers_of
+from uvms_ocp.estimation.fallbacks import beam_function
+from uvms_ocp.estimation.filter_memory import ChannelIndex, numbers_of
 from uvms_ocp.robot import Robot, roles, signals, spatial
 from uvms_ocp.robot.channels import (
     CHANNEL_OF,
-    LARGEST_OWN,
     TABLE,
     Channel,
     rows_by_name,
     shape_of,
     start_of,
 )
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.robot.kinematics import AltimeterBeam
 from uvms_ocp.robot.measurement import measurement_function
 from uvms_ocp.robot.robot import require_normalized
@@ -285,21 +285,13 @@ def _structure(
             delay = spec.delay + faults_by_channel[name].most_delay
         rate = min(spec.rate, _QUICKEST)
         n_room = max(n_room, 2 + min(_MOST, math.ceil(delay * rate)))
-    width = max(4, robot.n_joints, robot.joint_q.stop - robot.joint_q.start)
-    sizes = {
-        "n_q": robot.n_q,
-        "n_v": robot.n_v,
-        "n_width": width,
-        "n_room": n_room,
-        "n_channels": N_CHANNELS + len(specs.own),
-        "n_own_rows": LARGEST_OWN * len(specs.own),
-    }
     return structure_of(
         SensorsMemory,
+        dimensions_of(robot, specs.own),
+        n_room=n_room,
         turn=_turn_function(),
-        look=echo_sizes(robot, frame)["look"],
+        look=beam_function(robot, frame),
         measure=measurement_function(robot, specs.own),
-        **sizes,
     )
 
 

@@ -23,6 +23,7 @@ Where readings are passed on as they are, repeat and repeat_range stand for the 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,10 +34,11 @@ from uvms_ocp.control import DynamicController, KinematicController
 from uvms_ocp.control.external import SupervisedController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
-from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER
+from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.robot.channels import CHANNELS
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim.controller_steps import (
     ControllerSteps,
@@ -247,22 +249,15 @@ def _fit(
 
 def _loop_memory(plant: Any, estimator: Any, controller: Any, as_kernels: _AsKernels) -> LoopMemory:
     """Make the memory of the loop, of the sizes of the parts."""
-    n_thrusters = 1
+    dimensions = Dimensions(n_q=len(plant.state.q), n_v=len(plant.state.v), n_thrusters=1)
     if as_kernels.controller:
         n_thrusters = len(controller.kinematic.robot.description.thrusters)
+        dimensions = replace(dimensions, n_thrusters=n_thrusters)
     n_measured = 1
-    n_channels = N_CHANNELS
     if isinstance(estimator, GuardedEstimator):
         n_measured += max(channel.size for channel in estimator.monitor.memory.channels)
-        n_channels = len(estimator.monitor.numbers)
-    sizes = {
-        "n_q": len(plant.state.q),
-        "n_v": len(plant.state.v),
-        "n_thrusters": n_thrusters,
-        "n_measured": n_measured,
-        "n_channels": n_channels,
-    }
-    loop = structure_of(LoopMemory, **sizes)()
+        dimensions = replace(dimensions, n_channels=len(estimator.monitor.numbers))
+    loop = structure_of(LoopMemory, dimensions, n_measured=n_measured)()
     assign(loop, number=[NUMBER[name] for name in CHANNELS], range=np.nan)
     if isinstance(estimator, GuardedEstimator):
         loop.n_vehicle = estimator.robot.n_vehicle

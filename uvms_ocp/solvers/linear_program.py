@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.solvers.bounded_least_squares import dot
 
 _SMALLEST_PIVOT = 1e-9  # for prices and pivots of about 1, and rows relative to their largest entry
@@ -41,9 +41,9 @@ class LinearProgram(Layout):
     """(n_x + m,) value of a unit of each variable in the phase that is being solved."""
 
 
-def program_sizes(m: int, n: int) -> dict[str, int]:
-    """Return the array sizes of a `LinearProgram` with m rows and n variables."""
-    return {"m": m, "n_x": n, "n_all": n + m}
+def linear_program(m: int, n: int) -> type[LinearProgram]:
+    """Return the type of a `LinearProgram` with m rows and n variables."""
+    return structure_of(LinearProgram, m=m, n_x=n, n_all=n + m)
 
 
 def solve_program(program: LinearProgram) -> bool:

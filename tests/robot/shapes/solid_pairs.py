@@ -13,11 +13,13 @@ import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.shapes.distance_kernels import (
     DistanceMemory,
     chosen_distances,
     chosen_gradients,
-    distance_sizes,
+    places_function,
+    with_distances,
     write_distances,
 )
 
@@ -47,10 +49,10 @@ class SolidPair:
         self.model = pin.Model()
         for name in ("first", "second"):
             self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
-        sizes = distance_sizes(self.model, n_solids=2, n_pairs=1)
+        dimensions = with_distances(Dimensions(), self.model, n_solids=2, n_pairs=1)
         self.memory: Any
         self.memory, kernels = make_memory(
-            structure_of(DistanceMemory, **sizes),
+            structure_of(DistanceMemory, dimensions, places=places_function(self.model)),
             (chosen_distances, chosen_gradients),
             compiled=compiled,
         )

@@ -14,10 +14,11 @@ import uvms_ocp as uo
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import pair_distances as compiled_pairs
-from uvms_ocp.robot.shapes.collision_model import CollisionModel
-from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_sizes
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, with_any_distances
+from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, places_function
 from uvms_ocp.robot.shapes.obstacles import mesh_shape, obstacle
 from uvms_ocp.robot.shapes.pair_distances import CoalPairs
 from uvms_ocp.robot.shapes.shape_pairs import self_pairs, shapes_among
@@ -92,7 +93,8 @@ def test_shapes_without_a_form_in_c_are_named(robot: Robot) -> None:
     assert model.by_coal
     memory = structure_of(
         DistanceMemory,
-        **distance_sizes(robot.model, n_solids=model.n_solids, n_pairs=model.n_pairs),
+        with_any_distances(dimensions_of(robot), [CollisionModel(robot, ROCKS)], robot),
+        places=places_function(robot.model),
     )()
     with pytest.raises(
         InvalidInput, match="shapes rubble, cone have no form in C; give spheres, capsules"
@@ -100,12 +102,7 @@ def test_shapes_without_a_form_in_c_are_named(robot: Robot) -> None:
         model.write(memory)
     clear = CollisionModel(robot, ROCKS)
     assert clear.without_c_form == ()
-    clear.write(
-        structure_of(
-            DistanceMemory,
-            **distance_sizes(robot.model, n_solids=clear.n_solids, n_pairs=clear.n_pairs),
-        )()
-    )
+    clear.write(memory)
 
 
 @needs_compiler

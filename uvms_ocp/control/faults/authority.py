@@ -13,7 +13,7 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, effective_thrust
 from uvms_ocp.robot.thrusters import AXES
-from uvms_ocp.solvers.linear_program import LinearProgram, program_sizes, solve_program, value_of
+from uvms_ocp.solvers.linear_program import LinearProgram, linear_program, solve_program, value_of
 
 _GONE = 0.02  # share of the reach of sound thrusters that counts as none
 _LEAST = 0.05  # share that a mission needs on the axes that nothing else holds
@@ -187,6 +187,6 @@ def authority_in(memory: AuthorityMemory) -> Authority:
     )
 
 
-def authority_sizes(n: int) -> dict[str, int]:
-    """Return the sizes of an `AuthorityMemory` of n thrusters."""
-    return {"n_thrusters": n, **program_sizes(6, n + 7)}
+def authority_program(n: int) -> type[LinearProgram]:
+    """Return the type of the `program` of an `AuthorityMemory` of n thrusters."""
+    return linear_program(6, n + 7)

@@ -21,19 +21,15 @@ from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
 
-def detection_sizes(
+def detection_parts(
     robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float
 ) -> dict[str, Any]:
-    """Return the sizes of a `FaultDetection` and its functions; period [s] of its samples."""
-    sizes = {
-        "n_q": robot.n_q,
-        "n_v": robot.n_v,
-        "n_joints": robot.n_joints,
-        "n_tilted": max(robot.n_q, 7),
-    }
-    return sizes | {
+    """Return what `structure_of` a `FaultDetection` needs beside the dimensions of the robot; period
+    [s] of its samples.
+    """
+    return {
         "n_looks": window_capacity(tuning, period),
-        **authority.authority_sizes(len(robot.description.thrusters)),
+        "program": authority.authority_program(len(robot.description.thrusters)),
         "weight": _weight_function(robot, symbolic),
         "joint_way": _joint_way_function(robot, symbolic),
     }

@@ -212,7 +212,7 @@ class Allocation:
     _allocate: Callable[[AllocationMemory], int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        structure = structure_of(AllocationMemory, **allocation_sizes(len(self.lower)))
+        structure = allocation_type(len(self.lower))
         apply, allocate = bind_kernels(
             (apply_effectiveness, allocate_thrust), (structure,), compiled=self.compiled
         )
@@ -222,9 +222,7 @@ class Allocation:
         apply(self.memory)
 
     def write(self, memory: AllocationMemory) -> None:
-        """Write this allocation into an `AllocationMemory` with the `allocation_sizes` of its
-        thrusters.
-        """
+        """Write this allocation into an `AllocationMemory` with room for its thrusters."""
         n = len(self.lower)
         effectiveness = self.effectiveness or ThrusterEffectiveness.sound(len(self.lower))
         assign(memory, count=n, share=effectiveness.share, constant=effectiveness.constant)
@@ -252,9 +250,9 @@ class Allocation:
         return AllocationResult(*wrenches, bool(memory.saturated))
 
 
-def allocation_sizes(n: int) -> dict[str, int]:
-    """Return the sizes of an `AllocationMemory` with room for n thrusters."""
-    return {"m": 6, "n": room_for(n)}
+def allocation_type(n: int) -> type[AllocationMemory]:
+    """Return the type of an `AllocationMemory` with room for n thrusters."""
+    return structure_of(AllocationMemory, m=6, n=room_for(n))
 
 
 def allocation_of(

@@ -21,7 +21,7 @@ from uvms_ocp.codegen.kernel_layout import (
 )
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.control.faults.detection import FaultDetection, detect_faults, pause_detection
-from uvms_ocp.control.faults.monitor import detection_sizes, write_detection
+from uvms_ocp.control.faults.monitor import detection_parts, write_detection
 from uvms_ocp.control.faults.tuning import ActuatorHealthTuning
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, effective_thrust
 from uvms_ocp.control.force import allocation as thrust_allocation, tick_functions
@@ -437,7 +437,7 @@ class ForceTick:
 
     def __init__(self, laws: tick_functions.ForceLaws, *, compiled: bool = True) -> None:
         """compiled: in C where there is a compiler."""
-        structure = structure_of(ForceMemory, **_sizes(laws))
+        structure = structure_of(ForceMemory, laws.dimensions, **_parts(laws))
         self.memory: ForceMemory
         """Memory of the kernel."""
         self.memory, (begin, self.kernel, self._adapt) = make_memory(
@@ -451,7 +451,7 @@ class ForceTick:
         """State that the next tick starts from."""
         self._outputs = column_view(self.memory.outputs)
         self._places = tuple(
-            tick_functions.column_places(tick_functions.ForceOutputs, laws.sizes).values()
+            tick_functions.column_places(tick_functions.ForceOutputs, laws.dimensions).values()
         )
         self._write(laws)
         begin(self.memory)
@@ -534,17 +534,16 @@ class ForceTick:
 
 
 @lru_cache(maxsize=8)
-def _sizes(laws: tick_functions.ForceLaws) -> dict[str, Any]:
-    """Return the sizes and functions of a `ForceMemory`."""
+def _parts(laws: tick_functions.ForceLaws) -> dict[str, Any]:
+    """Return what a `ForceMemory` has beside the dimensions of the robot."""
     period = laws.velocity.dt
     if laws.residual_filter is not None:
         period *= laws.residual_filter.every
     symbolic = laws.velocity.dynamics
     search = laws.search or ActuatorHealthTuning()
     return {
-        **detection_sizes(laws.robot, symbolic, search, period),
-        **thrust_allocation.allocation_sizes(len(laws.robot.description.thrusters)),
-        **laws.sizes,
+        **detection_parts(laws.robot, symbolic, search, period),
+        "allocation": thrust_allocation.allocation_type(laws.dimensions.n_thrusters),
         "carry": tick_functions.with_gains(tick_functions.carry_function, laws),
         "weigh": tick_functions.with_gains(tick_functions.weigh_function, laws),
         "transfer": tick_functions.with_gains(tick_functions.transfer_function, laws),

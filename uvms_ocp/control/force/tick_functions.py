@@ -8,7 +8,7 @@ state of a tick goes in and comes out; nothing else is remembered.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import partial
@@ -29,6 +29,7 @@ from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
 from uvms_ocp.control.payload import load_force
 from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix, thrusters
+from uvms_ocp.robot.dimensions import Dimensions, dimensions_of
 from uvms_ocp.robot.electrical_power import electrical_power, joint_power, power_law
 from uvms_ocp.robot.size import size as size_of
 
@@ -169,32 +170,23 @@ class ForceOutputs(Layout):
     """
 
 
-def column_sizes(robot: Robot) -> dict[str, int]:
-    """Return the sizes of a robot that columns are declared with, by name."""
-    return {
-        "n_q": robot.n_q,
-        "n_v": robot.n_v,
-        "n_vehicle": robot.n_vehicle,
-        "n_joints": robot.n_joints,
-        "n_thrusters": len(robot.description.thrusters),
-    }
-
-
-def column_places(parts: type[Layout], sizes: Mapping[str, int]) -> dict[str, slice]:
+def column_places(parts: type[Layout], dimensions: Dimensions) -> dict[str, slice]:
     """Return the slice of each part of a column, by name. As in memory, an empty part takes one
     number.
     """
     places = {}
     at = 0
-    for name, size in declared_sizes(parts, sizes).items():
+    for name, size in declared_sizes(parts, dimensions).items():
         places[name] = slice(at, at + size)
         at += max(1, size)
     return places
 
 
-def parts_of(parts: type[Parts], sizes: Mapping[str, int], column: Array) -> Parts:
+def parts_of(parts: type[Parts], dimensions: Dimensions, column: Array) -> Parts:
     """Split a column (n,) of expressions into its parts."""
-    return parts(**{name: column[place] for name, place in column_places(parts, sizes).items()})
+    return parts(
+        **{name: column[place] for name, place in column_places(parts, dimensions).items()}
+    )
 
 
 def column_of(parts: Any) -> ca.SX:
@@ -231,9 +223,9 @@ class ForceLaws:
     """
 
     @property
-    def sizes(self) -> dict[str, int]:
-        """Sizes of the robot that columns are declared with, by name."""
-        return column_sizes(self.robot)
+    def dimensions(self) -> Dimensions:
+        """Dimensions of the robot, which columns are declared with."""
+        return dimensions_of(self.robot)
 
     @property
     def matrix(self) -> ca.DM:
@@ -545,9 +537,9 @@ def _symbols(laws: ForceLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tup
     columns = {}
     parts = []
     for name, kind in kinds.items():
-        sizes = declared_sizes(kind, laws.sizes).values()
+        sizes = declared_sizes(kind, laws.dimensions).values()
         columns[name] = ca.SX.sym(name, sum(max(1, size) for size in sizes))
-        parts.append(parts_of(kind, laws.sizes, columns[name]))
+        parts.append(parts_of(kind, laws.dimensions, columns[name]))
     if laws.gains.numel():
         columns["gains"] = laws.gains
     return columns, tuple(parts)

@@ -61,8 +61,10 @@ def aim_ascent(ascent: AscentMemory, q: Vector, floor: float) -> None:
     ascent.goal[11] = 1.0
 
 
-def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[str, ca.Function]:
-    """Return the sizes of an `AscentMemory`, and what tells how low the robot is; nothing ascends
+def ascent_functions(
+    robot: Robot, mission: Mission, altimeter: str | None
+) -> dict[str, ca.Function]:
+    """Return the functions of an `AscentMemory`, and what tells how low the robot is; nothing ascends
     without an abort phase.
 
     altimeter: its frame.

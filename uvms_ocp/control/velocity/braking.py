@@ -10,7 +10,7 @@ the acceleration limits allow.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
@@ -110,10 +110,10 @@ def advance_stop(stop: StopMemory) -> int:
             stop.room[k] -= way * stop.dt
 
 
-def stop_sizes(robot: Robot, dt: float) -> dict[str, Any]:
-    """Return the sizes of a `StopMemory` at control period dt [s], but for `n_limits`."""
+def stop_functions(robot: Robot, dt: float) -> dict[str, ca.Function]:
+    """Return the functions of a `StopMemory` at control period dt [s]."""
     step, slower = _functions(robot, dt)
-    return {"n_q": robot.n_q, "n_v": robot.n_v, "step": step, "slower": slower}
+    return {"step": step, "slower": slower}
 
 
 def finite_acceleration(robot: Robot) -> np.ndarray:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -18,6 +18,7 @@ from uvms_ocp.codegen.kernel_layout import (
     view,
 )
 from uvms_ocp.mission.mission import Mission
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.tasks.goals import EndingReference
 from uvms_ocp.tasks.task import Task
 
@@ -114,15 +115,15 @@ def _length(task: Task, dt: float) -> int:
     return 0
 
 
-def track_sizes(tracks: Sequence[Track]) -> dict[str, int]:
-    """Return the sizes of a `TracksMemory`. Tables of nearly one size have the same, so that few
-    are compiled.
+def with_tracks(dimensions: Dimensions, tracks: Sequence[Track]) -> Dimensions:
+    """Return the dimensions with those of tracks. Tables of nearly one size have the same, so that
+    few are compiled.
     """
     n = sum(track.samples.size for track in tracks)
     n_table = 0
     if n > 0:
         n_table = 1 << (n - 1).bit_length()
-    return {"n_tracks": len(tracks), "n_table": n_table}
+    return replace(dimensions, n_tracks=len(tracks), n_table=n_table)
 
 
 def write_tracks(

@@ -9,10 +9,10 @@ at every tick.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
@@ -33,7 +33,8 @@ from uvms_ocp.mission.mission import Mission, is_constant
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot import Robot, SymbolicModel
-from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes, in_c
+from uvms_ocp.robot.dimensions import Dimensions
+from uvms_ocp.robot.shapes.collision_model import any_places, in_c, with_any_distances
 from uvms_ocp.tasks.approach_speed import ENDLESS
 from uvms_ocp.tasks.nearest_pairs import NearestPairs
 from uvms_ocp.tasks.task import Task
@@ -181,7 +182,7 @@ class DistanceProvider:
         asking: Sequence[tuple[int, int, NearestPairs]],
         robot: Robot | None,
     ) -> None:
-        """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its
+        """memory: with room for what is asked, which is set up. asking: index of each task, where its
         parameters end, its pairs.
 
         robot: whose pairs kernels measure, where they can.
@@ -217,25 +218,24 @@ class DistanceProvider:
             view(pair.value)[rows] = model.values(where, requested)
 
 
-def nearest_sizes(
-    robot: Robot | None, asking: Sequence[NearestPairs], n_q: int, n_v: int
-) -> dict[str, Any]:
-    """Return the sizes of a `NearestMemory` for q (n_q,) and v (n_v,), but for the
-    `distance_layout_sizes`.
+def with_nearest(dimensions: Dimensions, asking: Sequence[NearestPairs]) -> Dimensions:
+    """Return the dimensions with those of a `NearestMemory`, but for its distances."""
+    return replace(
+        dimensions,
+        n_asking=len(asking),
+        n_rows=max((pairs.n_rows for pairs in asking), default=0),
+    )
 
-    Without a robot nothing moves.
+
+def motion_function(
+    robot: Robot | None, asking: Sequence[NearestPairs], dimensions: Dimensions
+) -> ca.Function:
+    """Return the function `integrate` of a `NearestMemory`: without a robot, or where nothing is
+    asked, nothing moves.
     """
     if robot is not None and asking:
-        integrate = _integrate(robot)
-    else:
-        integrate = _stay(n_q, n_v)
-    return {
-        "n_q": n_q,
-        "n_v": n_v,
-        "n_asking": len(asking),
-        "n_rows": max((pairs.n_rows for pairs in asking), default=0),
-        "integrate": integrate,
-    }
+        return _integrate(robot)
+    return _stay(dimensions.n_q, dimensions.n_v)
 
 
 @lru_cache(maxsize=8)
@@ -313,11 +313,13 @@ def measured_distances(
     """
     robot = None if motion is None else motion.robot
     n_v = pairs.model.n_v
-    sizes = {
-        **nearest_sizes(robot, [pairs], len(q), n_v),
-        **distance_layout_sizes([pairs.model], None),
-    }
-    memory = structure_of(NearestMemory, **sizes)()
+    dimensions = with_nearest(Dimensions(n_q=len(q), n_v=n_v), [pairs])
+    memory = structure_of(
+        NearestMemory,
+        with_any_distances(dimensions, [pairs.model], None),
+        integrate=motion_function(robot, [pairs], dimensions),
+        places=any_places([pairs.model], None),
+    )()
     measuring = DistanceProvider(memory, [(0, pairs.n_parameters, pairs)], None)
     values = doubles(np.zeros(pairs.n_parameters))
     v = np.zeros(n_v)

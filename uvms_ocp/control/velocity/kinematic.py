@@ -42,8 +42,9 @@ from uvms_ocp.mission.progress import (
 )
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.swings import SwingWatch
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes
+from uvms_ocp.robot.shapes.collision_model import any_places, with_any_distances
 from uvms_ocp.robot.signals import ChannelHealth, Command, StateEstimate, unchecked_command
 from uvms_ocp.solvers.hierarchy.core import CompiledSolver
 from uvms_ocp.solvers.hierarchy.solution import InPlaceTick, Tick
@@ -102,18 +103,18 @@ class KinematicController(TableDisplay):
         tracks = goal_tracks.tracks_of(mission, dt)
         asking = task_goals.distance_tasks(mission)
         pairs = [pairs for _, _, pairs in asking]
-        nearest = task_goals.nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
-        room = distance_layout_sizes(
-            [*position_guards.models_of(guards), *(nearest_pairs.model for nearest_pairs in pairs)],
-            robot,
-        )
-        sizes = {
-            **position_guards.viability_sizes(robot, guards, dt),
-            **goal_tracks.track_sizes(tracks),
-            **nearest,
-            **room,
+        models = position_guards.models_of(guards)
+        models += [nearest_pairs.model for nearest_pairs in pairs]
+        dimensions = position_guards.with_guards(dimensions_of(robot), robot, guards)
+        dimensions = goal_tracks.with_tracks(dimensions, tracks)
+        dimensions = task_goals.with_nearest(dimensions, pairs)
+        dimensions = with_any_distances(dimensions, models, robot)
+        functions = {
+            **position_guards.viability_functions(robot, guards, dt),
+            "integrate": task_goals.motion_function(robot, pairs, dimensions),
+            "places": any_places(models, robot),
         }
-        memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
+        memory = tick_memory(robot, mission, self.problem, self.watchdog, dimensions, functions)
         core = None
         if isinstance(solver, CompiledSolver):
             core = solver.core(self.problem.function.size2_out(0), self.problem.sizes)

@@ -6,10 +6,9 @@ Also tells which tasks have no form in C, for which limits are the usual reason.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import MethodType
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,6 +21,7 @@ from uvms_ocp.codegen.kernel_layout import (
 from uvms_ocp.control.velocity import braking, goal_tracks, goals
 from uvms_ocp.control.velocity.viability import ViabilityMemory
 from uvms_ocp.mission.mission import Mission
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import (
@@ -129,19 +129,25 @@ def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:
     return [guard.model for guard in guards if guard.model is not None]
 
 
-def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) -> dict[str, Any]:
-    """Return the sizes of a `ViabilityMemory` at control period dt [s], but for the
-    `distance_layout_sizes` of its guards.
-    """
+def with_guards(
+    dimensions: Dimensions, robot: Robot, guards: Sequence[PositionGuard]
+) -> Dimensions:
+    """Return the dimensions with those of a `ViabilityMemory`, but for the distances of its guards."""
+    return replace(
+        dimensions,
+        n_distances=sum(in_c(model, robot) for model in models_of(guards)),
+        n_limits=len(guards),
+        n_positions=sum(guard.limit.n for guard in guards),
+    )
+
+
+def viability_functions(
+    robot: Robot, guards: Sequence[PositionGuard], dt: float
+) -> dict[str, ca.Function]:
+    """Return the functions of a `ViabilityMemory` at control period dt [s]."""
     values = [guard.limit.values for guard in guards]
     functions = tuple(positions for positions in values if isinstance(positions, ca.Function))
-    return {
-        "n_distances": sum(in_c(model, robot) for model in models_of(guards)),
-        "n_limits": len(guards),
-        "n_positions": sum(guard.limit.n for guard in guards),
-        "smooth": _positions(robot, functions),
-        **braking.stop_sizes(robot, dt),
-    }
+    return {"smooth": _positions(robot, functions), **braking.stop_functions(robot, dt)}
 
 
 @lru_cache(maxsize=8)
@@ -160,7 +166,7 @@ class ViabilitySetup:
     def __init__(
         self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: ViabilityMemory
     ) -> None:
-        """dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set
+        """dt [s]: control period. memory: for the guards, which is set
         up.
         """
         self._guards = guards

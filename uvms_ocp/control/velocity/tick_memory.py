@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
+import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import (
@@ -28,10 +30,11 @@ from uvms_ocp.control.velocity import (
 )
 from uvms_ocp.control.velocity.goals import GoalsMemory
 from uvms_ocp.estimation.degraded_modes import ALTIMETER, RestrictionMemory, write_modes
-from uvms_ocp.estimation.fallbacks import AltimeterMemory, LastValidMemory, Watchdog, echo_sizes
+from uvms_ocp.estimation.fallbacks import AltimeterMemory, LastValidMemory, Watchdog, beam_function
 from uvms_ocp.mission.mission import Mission, write_mission
-from uvms_ocp.mission.progress import MissionMemory, sizes_of
+from uvms_ocp.mission.progress import MissionMemory, with_phases
 from uvms_ocp.robot.channels import CHANNELS
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import largest_wrench
 from uvms_ocp.tasks.task import Task
@@ -79,9 +82,9 @@ class TickMemory(Layout):
     """(n_tasks,) [m] altitude at which tasks that read the altimeter let nothing sink before the
     first echo.
     """
-    rests_on: Annotated[list[list[int]], Sized("n_channels", "n_quantities")]
+    rests_on: Annotated[list[list[int]], Sized("n_needed_channels", "n_quantities")]
     """(n_channels, n_quantities) 1 where a quantity is unknown without the channel."""
-    channel: Annotated[list[int], Sized("n_channels")]
+    channel: Annotated[list[int], Sized("n_needed_channels")]
     """(n_channels,) index of each channel of `rests_on` among all `CHANNELS`."""
     altimeter: int
     """Index of the altimeter among these channels."""
@@ -191,26 +194,30 @@ def tick_memory(
     mission: Mission,
     problem: levels.LevelsProblem,
     watchdog: Watchdog,
-    sizes: Mapping[str, Any],
+    dimensions: Dimensions,
+    functions: Mapping[str, ca.Function],
 ) -> TickMemory:
     """Make a `TickMemory` at rest, before the first estimate; its monitor of aborts, echoes, limits
     and goals are still to be set up.
 
-    sizes: from `viability_sizes` and `track_sizes`.
+    dimensions: of the robot, its limits, tracks and distances, to which those of the mission come.
+    functions: of these limits and distances.
     """
     tasks = mission.hierarchy.tasks
     names = problem.quantity_names
-    all_sizes = {
-        **sizes,
-        "n_tasks": len(tasks),
-        "n_quantities": len(names),
-        "n_channels": len(problem.rests_on),
-        "n_parameters": problem.function.size1_in("parameters"),
-        **ascent.ascent_sizes(robot, mission, altimeter_of(robot, tasks)),
-        **echo_sizes(robot, altimeter_of(robot, tasks)),
-        **sizes_of(mission.all_phases),
-    }
-    memory = structure_of(TickMemory, **all_sizes)()
+    altimeter = altimeter_of(robot, tasks)
+    memory = structure_of(
+        TickMemory,
+        replace(
+            with_phases(dimensions, mission.all_phases, len(tasks)),
+            n_quantities=len(names),
+            n_needed_channels=len(problem.rests_on),
+            n_parameters=problem.function.size1_in("parameters"),
+        ),
+        look=beam_function(robot, altimeter),
+        **ascent.ascent_functions(robot, mission, altimeter),
+        **functions,
+    )()
     write_mission(memory.mission, mission, names)
     write_modes(memory.restriction)
     memory.ascent.altitude = math.nan if mission.abort is None else mission.abort.altitude

@@ -15,6 +15,7 @@ from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, He
 from uvms_ocp.estimation.health.floor import POSITION, init_floor
 from uvms_ocp.estimation.health.tuning import HealthTuning
 from uvms_ocp.robot.channels import CHANNEL_OF, Channel, rows_by_name, shape_of, start_of
+from uvms_ocp.robot.dimensions import dimensions_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpec
 from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
@@ -52,15 +53,7 @@ def health_memory(
     """Make a `HealthMemory`; specs: of every channel that the robot has, own: a user's among them."""
     rows = rows_by_name(own)
     numbers = numbers_of(own)
-    memory = structure_of(
-        HealthMemory,
-        n_q=robot.n_q,
-        n_v=robot.n_v,
-        n_joints=robot.n_joints,
-        n_width=max(4, robot.joint_q.stop - robot.joint_q.start),
-        n_channels=len(numbers),
-        n_estimates=N_ESTIMATES,
-    )()
+    memory = structure_of(HealthMemory, dimensions_of(robot, own), n_estimates=N_ESTIMATES)()
     memory.n = len(specs)
     memory.order[: len(specs)] = [numbers[name] for name in specs]
     memory.clean = tuning.clean

@@ -5,10 +5,10 @@ kernels, or by coal.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import kinematics
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.robot import Robot, require_normalized
 from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
@@ -221,28 +222,28 @@ def in_c(model: CollisionModel, robot: Robot | None) -> bool:
     return robot is not None and not model.by_coal and model.is_of(robot)
 
 
-def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None) -> dict[str, Any]:
-    """Return the sizes for `structure_of` layouts with a `DistanceMemory` for any of the models;
-    Python measures those not `in_c`.
+def with_any_distances(
+    dimensions: Dimensions, models: Iterable[CollisionModel], robot: Robot | None
+) -> Dimensions:
+    """Return the dimensions with those of a `DistanceMemory` for any of the models; Python measures
+    those not `in_c`.
     """
     all_models = list(models)
     n_pairs = max((model.n_pairs for model in all_models), default=0)
     n_solids = [model.n_solids for model in all_models if in_c(model, robot)]
     if robot is not None and n_solids:
-        return distance_kernels.distance_sizes(robot.model, n_solids=max(n_solids), n_pairs=n_pairs)
-    if robot is None:
-        n_v = max((model.n_v for model in all_models), default=0)
-    else:
-        n_v = robot.n_v
+        return distance_kernels.with_distances(
+            dimensions, robot.model, n_solids=max(n_solids), n_pairs=n_pairs
+        )
     # Room for all axes, also where none is looked at: compilers see what a kernel could read.
-    return {
-        "places": _no_places(),
-        "n_placements": 12,
-        "n_twists": 6 * n_v,
-        "n_axes": n_v,
-        "n_solids": 1,
-        "n_pairs": n_pairs,
-    }
+    return replace(dimensions, n_placements=12, n_axes=dimensions.n_v, n_solids=1, n_pairs=n_pairs)
+
+
+def any_places(models: Iterable[CollisionModel], robot: Robot | None) -> ca.Function:
+    """Return the function `places` of a `DistanceMemory` for any of the models."""
+    if robot is not None and any(in_c(model, robot) for model in models):
+        return distance_kernels.places_function(robot.model)
+    return _no_places()
 
 
 def without_c_form(model: CollisionModel, robot: Robot | None) -> str:

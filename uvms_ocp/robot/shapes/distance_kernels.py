@@ -2,8 +2,8 @@
 their oracle.
 
 A layout that is to measure distances has a field ``DistanceMemory``; what `structure_of` needs for
-it is `distance_sizes`, and `CollisionModel.write` writes into it what never changes. Then, in a
-kernel of one's own:
+it are the dimensions `with_distances` and `places_function`, and `CollisionModel.write` writes into
+it what never changes. Then, in a kernel of one's own:
 
     chosen_distances(m.distances, m.q)          # m.distances.value[k] [m] of the chosen pairs, at q
     value = distance_of(m.distances, k)         # of one pair, after `place_solids(m.distances, m.q)`
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -28,6 +29,7 @@ import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
 from uvms_ocp.robot import spatial, symbolic_bodies, symbolic_joints, symbolic_model
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.shapes import gjk
 from uvms_ocp.robot.shapes.penetration import Polytope, expand_polytope, try_axes, try_axis
 from uvms_ocp.robot.shapes.shape_pairs import shapes_in
@@ -245,20 +247,19 @@ def has_kernel(shape: coal.CollisionGeometry) -> bool:
     return isinstance(shape, (coal.Sphere, coal.Capsule, coal.Cylinder, coal.Box))
 
 
-def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str, Any]:
-    """Return sizes for `structure_of` a layout with a `DistanceMemory` of at most that many solids and
-    pairs.
-    """
-    places = _places(model)
-    return {
-        "places": places,
-        "n_placements": max(1, places.numel_out(0)),
-        "n_twists": max(1, places.numel_out(1)),
-        "n_axes": max(1, places.numel_out(1) // 6),
-        "n_v": model.nv,
-        "n_solids": -(-n_solids // _STEP) * _STEP,
-        "n_pairs": -(-n_pairs // _STEP) * _STEP,
-    }
+def with_distances(
+    dimensions: Dimensions, model: pin.Model, *, n_solids: int, n_pairs: int
+) -> Dimensions:
+    """Return the dimensions with those of a `DistanceMemory` of at most that many solids and pairs."""
+    places = places_function(model)
+    return replace(
+        dimensions,
+        n_v=model.nv,
+        n_placements=max(1, places.numel_out(0)),
+        n_axes=max(1, places.numel_out(1) // 6),
+        n_solids=-(-n_solids // _STEP) * _STEP,
+        n_pairs=-(-n_pairs // _STEP) * _STEP,
+    )
 
 
 def write_distances(
@@ -322,7 +323,7 @@ def _sums(shape: Any) -> tuple[list[float], float, float]:
 
 
 @lru_cache(maxsize=8)
-def _places(model: pin.Model) -> ca.Function:
+def places_function(model: pin.Model) -> ca.Function:
     """Build ``q -> placements`` of joints, row after row, ``twists`` of axes at the origin of W,
     column after column.
     """

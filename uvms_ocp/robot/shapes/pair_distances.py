@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
+from uvms_ocp.robot.dimensions import Dimensions
 from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.shape_pairs import shapes_in, with_pairs
 from uvms_ocp.robot.shapes.signed_distance import PairContact, SignedDistances
@@ -105,9 +106,16 @@ class CompiledPairs:
     ) -> None:
         """geometry: the shapes, of which those of the pairs (by index) are measured."""
         n_solids = len(shapes_in(pairs))
-        sizes = distance_kernels.distance_sizes(model, n_solids=n_solids, n_pairs=len(pairs))
+        dimensions = distance_kernels.with_distances(
+            Dimensions(), model, n_solids=n_solids, n_pairs=len(pairs)
+        )
+        structure = structure_of(
+            distance_kernels.DistanceMemory,
+            dimensions,
+            places=distance_kernels.places_function(model),
+        )
         self._memory, (self._distances, self._gradients) = make_memory(
-            structure_of(distance_kernels.DistanceMemory, **sizes),
+            structure,
             (distance_kernels.chosen_distances, distance_kernels.chosen_gradients),
         )
         self.compiled = self._distances is not distance_kernels.chosen_distances

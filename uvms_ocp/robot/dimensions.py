@@ -1,0 +1,119 @@
+"""Count what a robot, its sensors and its mission have: the sizes of all memory of kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from uvms_ocp.robot.channels import CHANNELS, LARGEST_OWN, Channel
+from uvms_ocp.robot.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Dimensions:
+    """Sizes by the names that arrays in layouts are declared with; `structure_of` reads those that
+    a layout needs.
+
+    `dimensions_of` makes it for a robot and its sensors; `Mission` and the controllers add theirs
+    with `dataclasses.replace`.
+    """
+
+    n_q: int = 0
+    """Numbers in a configuration."""
+    n_v: int = 0
+    """Numbers in a velocity."""
+    n_vehicle: int = 0
+    """Of them, those of the vehicle: 6, or 0 on a fixed base."""
+    n_joints: int = 0
+    """Of them, those of the joints."""
+    n_joint_positions: int = 0
+    """Numbers in the joints' part of a configuration."""
+    n_thrusters: int = 0
+
+    n_channels: int = len(CHANNELS)
+    """Channels of sensors: the toolkit's, then a user's own."""
+
+    n_tasks: int = 0
+    n_phases: int = 0
+    """With that of an abort."""
+    n_transitions: int = 0
+    """Of all phases."""
+    n_conditions: int = 0
+    """Of all transitions."""
+    n_quantities: int = 0
+    """That tasks and conditions tell at every tick."""
+    n_needed_channels: int = 0
+    """Channels of sensors that tasks rest on."""
+    n_parameters: int = 0
+    """Numbers in the goals of all tasks."""
+    n_tracks: int = 0
+    """Goals that move along a table of samples."""
+    n_table: int = 0
+    """Room for the samples of all tables."""
+
+    n_limits: int = 0
+    """Limits of positions that a stop has to keep."""
+    n_positions: int = 0
+    """Numbers that these limit."""
+    n_distances: int = 0
+    """Models of shapes whose distances they limit and machine code measures."""
+    n_asking: int = 0
+    """Tasks that ask for the nearest pairs of shapes."""
+    n_rows: int = 0
+    """Pairs that each of them asks for at most."""
+    n_solids: int = 0
+    """Room for shapes in a model."""
+    n_pairs: int = 0
+    """Room for pairs of shapes in a model."""
+    n_axes: int = 0
+    """Axes of motion of that model, those that mimic another counted for themselves."""
+    n_placements: int = 0
+    """Numbers in the placements of all joints of that model."""
+
+    @property
+    def n_joint_states(self) -> int:
+        """Positions and rates of the joints."""
+        return 2 * self.n_joints
+
+    @property
+    def n_commanded(self) -> int:
+        """Axes of a vehicle that is free, and of the joints."""
+        return 6 + self.n_joints
+
+    @property
+    def n_width(self) -> int:
+        """Numbers in a reading of a sensor at most: a quaternion, or the joints."""
+        return max(4, self.n_joint_positions)
+
+    @property
+    def n_own_rows(self) -> int:
+        """Numbers in readings of all channels of a user's own at most."""
+        return LARGEST_OWN * (self.n_channels - len(CHANNELS))
+
+    @property
+    def n_own_joint_entries(self) -> int:
+        """Derivatives of these with respect to the positions of the joints."""
+        return self.n_own_rows * self.n_joints
+
+    @property
+    def n_tilted(self) -> int:
+        """Numbers in a configuration, and in a pose at least."""
+        return max(self.n_q, 7)
+
+    @property
+    def n_twists(self) -> int:
+        """Numbers in the unit twists of all axes of a model of shapes."""
+        return 6 * self.n_axes
+
+
+def dimensions_of(robot: Robot, own: Sequence[Channel] = ()) -> Dimensions:
+    """Count what a robot has; own: channels of a user's own among its sensors."""
+    return Dimensions(
+        n_q=robot.n_q,
+        n_v=robot.n_v,
+        n_vehicle=robot.n_vehicle,
+        n_joints=robot.n_joints,
+        n_joint_positions=robot.joint_q.stop - robot.joint_q.start,
+        n_thrusters=len(robot.description.thrusters),
+        n_channels=len(CHANNELS) + len(own),
+    )
