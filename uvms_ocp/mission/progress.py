@@ -17,7 +17,6 @@ import numpy as np
 from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
 from uvms_ocp.mission.phase import (
-    Below,
     Condition,
     Event,
     GoalFunctions,
@@ -279,7 +278,7 @@ def _write_condition(
 ) -> None:
     """Write a condition into a `MissionMemory`, under its index among all conditions."""
     memory.quantity[index] = names.index(condition.quantity)
-    memory.below[index] = isinstance(condition, Below)
+    memory.below[index] = condition.is_below
     memory.limit[index] = condition.limit
     memory.release[index] = condition.limit
     if condition.release is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.mission import Below, Condition, Mission, Phase
+from uvms_ocp.mission import Condition, Mission, Phase
 from uvms_ocp.mission_plan.segments import (
     ANGLES,
     HorizonSegment,
@@ -128,7 +128,7 @@ def condition_term(
     """
     name, _, quantity = condition.quantity.rpartition(".")
     limit = condition.limit
-    below = isinstance(condition, Below) is met
+    below = condition.is_below is met
     task = _task_called(name, tasks)
     if task is None:
         raise _refused(condition, place, below)

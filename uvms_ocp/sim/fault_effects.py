@@ -5,7 +5,7 @@ current.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -93,7 +93,7 @@ class _ChannelFault:
         if not active or self.last_value is None:
             self.last_value = sample.value
         if active:
-            return _EFFECTS[self.fault.kind](sample, self)
+            return SAMPLE_EFFECTS[self.fault.kind](sample, self)
         return sample
 
     def with_value(self, sample: Sample, value: Any) -> Sample:
@@ -196,7 +196,7 @@ def _ahead(sample: Sample, channel_fault: _ChannelFault) -> Sample:
     return replace(sample, stamp=sample.stamp + channel_fault.fault.values[0])
 
 
-_EFFECTS: Mapping[str, Callable[[Sample, _ChannelFault], Sample | None]] = {
+SAMPLE_EFFECTS: dict[str, Callable[[Sample, _ChannelFault], Sample | None]] = {
     "frozen": _frozen,
     "lost": _lost,
     "nan": _not_a_number,

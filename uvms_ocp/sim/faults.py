@@ -119,7 +119,7 @@ def _families() -> dict[str, dict[str, FaultModel]]:
     return {"sensor": encoder | messages, "encoder": encoder, **families}
 
 
-FAMILIES: Mapping[str, Mapping[str, FaultModel]] = _families()
+FAMILIES: Mapping[str, dict[str, FaultModel]] = _families()
 """Kinds by the family of their target: a channel, one joint's reading in it, a thruster, a joint,
 the water, the tool.
 """

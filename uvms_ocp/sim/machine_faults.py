@@ -4,7 +4,7 @@ carries, and whether a robot can have them at all.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +20,6 @@ _NEED_WATER = {
     "payload": "has no mass",
 }
 """Part that the kinematic plant lacks, by the family of a fault's target."""
-_SHARES = {"dead": 0.0, "stuck": 0.0, "reversed": -1.0}
-"""Share of its sound thrust that a faulty thruster gives, by the kind of fault."""
 
 
 def active_of(faults: Sequence[Fault], t: float) -> tuple[Fault, ...]:
@@ -52,18 +50,51 @@ def thruster_condition(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterC
         if fault.location.family != "thruster":
             continue
         k = fault.location.number - 1
-        if fault.kind == "stuck":
-            if fault.values:
-                offset[k] = fault.values[0]
-            else:
-                offset[k] = thrust[k]
-        if fault.kind == "dead":
-            dead[k] = True
-        if fault.kind == "weak":
-            share[k] *= fault.values[0]
-        else:
-            share[k] *= _SHARES[fault.kind]
+        effect = THRUSTER_EFFECTS[fault.kind](fault, float(thrust[k]))
+        share[k] *= effect.share
+        dead[k] |= effect.dead
+        if effect.offset is not None:
+            offset[k] = effect.offset
     return ThrusterCondition(share=share, offset=np.where(dead, 0.0, offset), dead=dead)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ThrusterEffect:
+    """What one fault makes of a thruster."""
+
+    share: float
+    """Share of its sound thrust that is left."""
+    offset: float | None = None
+    """[N] thrust at which it is stuck; `None` of faults that do not hold it."""
+    dead: bool = False
+    """True where it gives nothing, whatever else is wrong with it."""
+
+
+def _dead(fault: Fault, thrust: float) -> ThrusterEffect:
+    return ThrusterEffect(share=0.0, dead=True)
+
+
+def _stuck(fault: Fault, thrust: float) -> ThrusterEffect:
+    if fault.values:
+        return ThrusterEffect(share=0.0, offset=fault.values[0])
+    return ThrusterEffect(share=0.0, offset=thrust)
+
+
+def _weak(fault: Fault, thrust: float) -> ThrusterEffect:
+    return ThrusterEffect(share=fault.values[0])
+
+
+def _reversed(fault: Fault, thrust: float) -> ThrusterEffect:
+    return ThrusterEffect(share=-1.0)
+
+
+THRUSTER_EFFECTS: dict[str, Callable[[Fault, float], ThrusterEffect]] = {
+    "dead": _dead,
+    "stuck": _stuck,
+    "weak": _weak,
+    "reversed": _reversed,
+}
+"""Effects of faults of a thruster that gives a thrust [N] now, by kind."""
 
 
 def jammed_axes(robot: Robot, faults: Sequence[Fault]) -> tuple[int, ...]:

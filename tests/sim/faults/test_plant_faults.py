@@ -20,8 +20,10 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.faults import parse_faults
+from uvms_ocp.sim.faults import FAMILIES, Fault, FaultModel, parse_faults
 from uvms_ocp.sim.machine_faults import (
+    THRUSTER_EFFECTS,
+    ThrusterEffect,
     joined_velocity,
     loaded,
     require_possible,
@@ -158,6 +160,22 @@ def test_a_weak_or_reversed_thruster_gives_its_share(text: str, share: float, ro
     sound = thrusts(robot)
     faulty = thrusts(robot, text)
     np.testing.assert_allclose(faulty[:, 2], share * sound[:, 2], atol=1e-9)
+
+
+def test_each_kind_of_the_table_has_one_effect() -> None:
+    assert set(FAMILIES["thruster"]) == set(THRUSTER_EFFECTS)
+
+
+def test_a_new_kind_is_a_row_and_a_function(monkeypatch: pytest.MonkeyPatch) -> None:
+    def sticky(fault: Fault, thrust: float) -> ThrusterEffect:
+        return ThrusterEffect(share=0.5, offset=0.5 * thrust)
+
+    monkeypatch.setitem(FAMILIES["thruster"], "sticky", FaultModel(effect="follows by half"))
+    monkeypatch.setitem(THRUSTER_EFFECTS, "sticky", sticky)
+    condition = thruster_condition(parse_faults(["thruster2:sticky"]), np.full(3, 8.0))
+    np.testing.assert_array_equal(condition.share, [1.0, 0.5, 1.0])
+    np.testing.assert_array_equal(condition.offset, [0.0, 4.0, 0.0])
+    assert not condition.dead.any()
 
 
 @pytest.mark.parametrize("kind", ["dead", "weak=0.25", "reversed", "stuck"])

@@ -19,7 +19,8 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, Reading, SensorSpec, SensorSpecs, State
 from uvms_ocp.sim import parse_fault
-from uvms_ocp.sim.faults import parse_faults
+from uvms_ocp.sim.fault_effects import SAMPLE_EFFECTS, Sample
+from uvms_ocp.sim.faults import FAMILIES, FaultModel, ValueRange, parse_faults
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
 
@@ -78,6 +79,25 @@ def fresh(series: Series) -> list[Reading[Any]]:
 def struck(series: Series) -> list[Reading[Any]]:
     """Those that were taken while the fault was there, by their stamps."""
     return [reading for reading in fresh(series) if ONSET <= reading.t < END]
+
+
+def test_each_kind_of_the_table_has_one_effect() -> None:
+    assert set(FAMILIES["sensor"]) == set(SAMPLE_EFFECTS)
+    assert set(FAMILIES["encoder"]) <= set(SAMPLE_EFFECTS)
+
+
+def test_a_new_kind_is_a_row_and_a_function(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    def shortened(sample: Sample, channel_fault: Any) -> Sample:
+        return channel_fault.with_value(sample, channel_fault.fault.values[0] * sample.value)
+
+    row = FaultModel(effect="reads a share", values=(ValueRange(what="share [-]", lower=0.0),))
+    monkeypatch.setitem(FAMILIES["sensor"], "shortened", row)
+    monkeypatch.setitem(SAMPLE_EFFECTS, "shortened", shortened)
+    sound = fresh(readings(robot, [], "depth"))
+    faulty = fresh(readings(robot, [f"depth:shortened=0.5@{ONSET}-{END}"], "depth"))
+    for before, after in zip(sound, faulty, strict=True):
+        share = 0.5 if ONSET <= before.t < END else 1.0
+        assert after.value == pytest.approx(share * before.value)
 
 
 @pytest.mark.parametrize("text", SENSOR_TEXTS)

@@ -33,7 +33,7 @@ from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation import degraded_modes
 from uvms_ocp.estimation.fallbacks import Freshness, LastFloorRange, LastValidEstimate, Watchdog
-from uvms_ocp.mission import Below, Event, Mission, MissionState, Phase
+from uvms_ocp.mission import Event, Mission, MissionState, Phase
 from uvms_ocp.mission.progress import (
     is_over,
     state_after_abort,
@@ -496,6 +496,6 @@ def _awaited_limits(phase: Phase, names: tuple[str, ...]) -> dict[int, tuple[str
     """
     awaited = dict[int, tuple[str, float]]()
     for condition in phase.conditions:
-        if isinstance(condition, Below):
+        if condition.is_below:
             awaited[names.index(condition.quantity)] = (condition.quantity, condition.limit)
     return awaited

@@ -12,7 +12,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity import goals, levels, swing
 from uvms_ocp.estimation.estimator import std_at_rest
-from uvms_ocp.mission import Above, Below, Mission, Phase
+from uvms_ocp.mission import Mission, Phase
 from uvms_ocp.record.meta_values import DONE, ENERGIES
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, spatial, static_balance, unknowns
 from uvms_ocp.scenario.preflight import forces, reachability, robot_check, undriven_axes
@@ -76,7 +76,7 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
         for condition in phase.conditions:  # what is to fall needs the task that makes it fall
             task = condition.quantity.rpartition(".")[0]
             if (
-                isinstance(condition, Below)
+                condition.is_below
                 and len(phase.transitions) < 2
                 and task in {*mission.hierarchy.names} - {*phase.on}
             ):
@@ -136,7 +136,7 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
     for phase in setup.mission.phases:
         for condition in sorted(set(phase.conditions), key=lambda item: item.quantity):
             sigma = allowed.get(condition.quantity, 0.0)
-            if isinstance(condition, Below) and condition.limit < sigma:
+            if condition.is_below and condition.limit < sigma:
                 limitation = (
                     f"the sensors tell it to {sigma:.2g} only (one standard deviation): the phase"
                     " may end early, or never"
@@ -272,7 +272,7 @@ def _shortest_stay(phase: Phase) -> float:
         waits = [
             condition.limit
             for condition in transition.when
-            if isinstance(condition, Above) and condition.quantity == "phase.time"
+            if not condition.is_below and condition.quantity == "phase.time"
         ]
         stays.append(max(waits, default=0.0) + transition.hold)
     return min(stays, default=0.0)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked
-from uvms_ocp.mission import Below, Phase
+from uvms_ocp.mission import Phase
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import thrusters
 from uvms_ocp.scenario.preflight.setup import Setup
@@ -104,7 +104,7 @@ def threshold_of(phase: Phase, quantity: str) -> float | None:
     """
     limits = []
     for condition in phase.conditions:
-        if isinstance(condition, Below) and condition.quantity == quantity:
+        if condition.is_below and condition.quantity == quantity:
             limits.append(condition.limit)
     return min(limits, default=None)
 
