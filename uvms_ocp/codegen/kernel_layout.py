@@ -59,6 +59,8 @@ class Sized:
 
 
 Memory = TypeVar("Memory", bound=Layout)
+NOT_COUNTED = -1
+"""Size that a set of dimensions has a name for, and that is not known yet."""
 
 
 def structure_of(
@@ -69,9 +71,10 @@ def structure_of(
 
     It is a structure of ctypes with the fields of the layout, and typed as the layout itself.
 
-    dimensions: whose attributes are sizes by name; sizes: others, functions by the name of their
-    field, and the type of a part that is made already by that of its field. Raises `InvalidInput`
-    for a size or function that is in neither, and a field of another type.
+    dimensions: whose attributes are sizes by name, `NOT_COUNTED` as if it were not there; sizes:
+    others, functions by the name of their field, and the type of a part that is made already by
+    that of its field. Raises `InvalidInput` for a size or function that is in neither, and a field
+    of another type.
     """
     key: Any = layout
     names = _names(key, frozenset(sizes))
@@ -79,7 +82,7 @@ def structure_of(
     for name in sorted(names):
         if name in sizes:
             read[name] = sizes[name]
-        elif hasattr(dimensions, name):
+        elif getattr(dimensions, name, NOT_COUNTED) != NOT_COUNTED:
             read[name] = getattr(dimensions, name)
     return cast(type[Memory], _structure(key, tuple(read.items())))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from uvms_ocp.codegen.kernel_layout import NOT_COUNTED
 from uvms_ocp.robot.channels import CHANNELS, LARGEST_OWN, Channel
 from uvms_ocp.robot.robot import Robot
 
@@ -14,60 +15,60 @@ class Dimensions:
     """Sizes by the names that arrays in layouts are declared with; `structure_of` reads those that
     a layout needs.
 
-    `dimensions_of` makes it for a robot and its sensors; `Mission` and the controllers add theirs
-    with `dataclasses.replace`.
+    `dimensions_of` makes it for a robot and its sensors; missions, limits and distances add theirs
+    (`with_phases`, `with_guards`, ...). A layout that needs what nobody counted is refused.
     """
 
-    n_q: int = 0
+    n_q: int = NOT_COUNTED
     """Numbers in a configuration."""
-    n_v: int = 0
+    n_v: int = NOT_COUNTED
     """Numbers in a velocity."""
-    n_vehicle: int = 0
+    n_vehicle: int = NOT_COUNTED
     """Of them, those of the vehicle: 6, or 0 on a fixed base."""
-    n_joints: int = 0
+    n_joints: int = NOT_COUNTED
     """Of them, those of the joints."""
-    n_joint_positions: int = 0
+    n_joint_positions: int = NOT_COUNTED
     """Numbers in the joints' part of a configuration."""
-    n_thrusters: int = 0
+    n_thrusters: int = NOT_COUNTED
 
     n_channels: int = len(CHANNELS)
     """Channels of sensors: the toolkit's, then a user's own."""
 
-    n_tasks: int = 0
-    n_phases: int = 0
+    n_tasks: int = NOT_COUNTED
+    n_phases: int = NOT_COUNTED
     """With that of an abort."""
-    n_transitions: int = 0
+    n_transitions: int = NOT_COUNTED
     """Of all phases."""
-    n_conditions: int = 0
+    n_conditions: int = NOT_COUNTED
     """Of all transitions."""
-    n_quantities: int = 0
+    n_quantities: int = NOT_COUNTED
     """That tasks and conditions tell at every tick."""
-    n_needed_channels: int = 0
+    n_needed_channels: int = NOT_COUNTED
     """Channels of sensors that tasks rest on."""
-    n_parameters: int = 0
+    n_parameters: int = NOT_COUNTED
     """Numbers in the goals of all tasks."""
-    n_tracks: int = 0
+    n_tracks: int = NOT_COUNTED
     """Goals that move along a table of samples."""
-    n_table: int = 0
+    n_table: int = NOT_COUNTED
     """Room for the samples of all tables."""
 
-    n_limits: int = 0
+    n_limits: int = NOT_COUNTED
     """Limits of positions that a stop has to keep."""
-    n_positions: int = 0
+    n_positions: int = NOT_COUNTED
     """Numbers that these limit."""
-    n_distances: int = 0
+    n_distances: int = NOT_COUNTED
     """Models of shapes whose distances they limit and machine code measures."""
-    n_asking: int = 0
+    n_asking: int = NOT_COUNTED
     """Tasks that ask for the nearest pairs of shapes."""
-    n_rows: int = 0
+    n_rows: int = NOT_COUNTED
     """Pairs that each of them asks for at most."""
-    n_solids: int = 0
+    n_solids: int = NOT_COUNTED
     """Room for shapes in a model."""
-    n_pairs: int = 0
+    n_pairs: int = NOT_COUNTED
     """Room for pairs of shapes in a model."""
-    n_axes: int = 0
+    n_axes: int = NOT_COUNTED
     """Axes of motion of that model, those that mimic another counted for themselves."""
-    n_placements: int = 0
+    n_placements: int = NOT_COUNTED
     """Numbers in the placements of all joints of that model."""
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -14,6 +15,7 @@ from compiler import IN_C_AND_PYTHON, needs_compiler
 from sample_kernels import Curious, Memory, Motion, Roots, advance, inquire, take_roots, tick
 
 from uvms_ocp.codegen.kernel_layout import (
+    NOT_COUNTED,
     CallbackBinding,
     Layout,
     column_view,
@@ -150,6 +152,9 @@ def test_sizes_of_a_layout_are_those_of_its_parts() -> None:
         InvalidInput, match=r"Memory\.windows needs 'n', which is not given; given: \[\]"
     ):
         structure_of(Memory)
+    assert structure_of(Memory, SimpleNamespace(n=5, other=7)) is structure_of(Memory, n=5)
+    with pytest.raises(InvalidInput, match=r"needs 'n', which is not given"):
+        structure_of(Memory, SimpleNamespace(n=NOT_COUNTED))
 
 
 def test_a_field_that_memory_cannot_hold_is_refused() -> None:
