@@ -25,8 +25,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.hookimpl(tryfirst=True)  # before what is marked slow is left out
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the tests of one share, drawn by their names: the same on every machine."""
+    _mark_all_but_drawn_cases(items)
     asked = config.getoption("--share")
     if asked is None:
         return
@@ -40,6 +42,25 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         (of_share if drawn == int(share) - 1 else of_others).append(item)
     config.hook.pytest_deselected(items=of_others)
     items[:] = of_share
+
+
+def _mark_all_but_drawn_cases(items: list[pytest.Item]) -> None:
+    """Mark as slow the cases of each test marked ``sampled(n)`` but n of them, 1 by default.
+
+    Which these are is drawn by the environment variable UVMS_OCP_DRAW, which is another one in each
+    run of `.ci/run`.
+    """
+    cases_by_test: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("sampled") is not None:
+            cases_by_test.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    draw = os.environ.get("UVMS_OCP_DRAW", "")
+    for cases in cases_by_test.values():
+        mark = cases[0].get_closest_marker("sampled")
+        n_drawn = mark.args[0] if mark is not None and mark.args else 1
+        cases.sort(key=lambda item: crc32(f"{draw} {item.nodeid}".encode()))
+        for item in cases[n_drawn:]:
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -57,6 +57,7 @@ def test_all_phases_complete_in_order_with_a_reason(run: Run) -> None:
         assert phase["end_s"] > phase["start_s"]
 
 
+@pytest.mark.sampled
 def test_the_tool_reaches_the_target(run: Run) -> None:
     assert run.report["tool_position_error_m"] < 1e-3
     assert run.report["tool_orientation_error_rad"] < 1e-3

@@ -80,6 +80,7 @@ def test_limits_hold_on_the_physical_plant(run: Run) -> None:
     assert run.report["max_velocity_step"] <= 0.011
 
 
+@pytest.mark.sampled
 def test_every_phase_reports_what_it_cost(run: Run) -> None:
     for phase in run.report["phases"]:
         assert phase["energy_j"] == pytest.approx(
@@ -121,6 +122,7 @@ def test_controllers_see_the_measurement_and_not_the_truth() -> None:
     assert (record["q"] != record["q_estimated"]).any()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_small_vehicle_reaches_with_noise_and_other_drag(seed: int) -> None:
     report = summarize(reach(seed=seed, variant="wu", noise=True).run())

@@ -30,6 +30,7 @@ print(uo.load_robot("bluerov2").n_v, {module!r} in sys.modules)
 """
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "module", ["numpy.linalg", "numpy.matrixlib", "pinocchio", "casadi", "uvms_ocp.robot.robot"]
 )

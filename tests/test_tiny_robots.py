@@ -46,6 +46,7 @@ def test_numbers_of_joints_and_configurations_are_each_others_inverse(name: str)
         )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", TINY)
 def test_a_run_on_the_kinematic_plant_is_the_same_once_saved_and_loaded(
     name: str, tmp_path: Path
@@ -65,6 +66,7 @@ def test_a_run_on_the_kinematic_plant_is_the_same_once_saved_and_loaded(
 MIXED = Tiny(joints=(("prismatic", "1 0 0", LIMIT), ("revolute", "0 0 1", LIMIT)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["one wet link", "an endless joint", "a joint that slides"])
 def test_joints_that_all_turn_or_all_slide_have_one_unit_everywhere(name: str) -> None:
     robot = robot_of(TINY[name])
@@ -170,6 +172,7 @@ LAYERS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("layers", LAYERS)
 @pytest.mark.parametrize("name", ["fixed base, no thrusters", "one wet link", "no joints"])
 def test_a_current_that_varies_with_depth_flows_past_a_single_link(name: str, layers: str) -> None:

@@ -159,6 +159,7 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         yield
 
 
+@pytest.mark.sampled(60)
 @pytest.mark.parametrize("call", [*map(_paced, CALLS)], ids=lambda call: call.title)
 def test_wrong_arguments_are_named(call: Call) -> None:
     right = right_arguments(call)

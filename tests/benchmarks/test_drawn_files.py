@@ -41,6 +41,7 @@ def not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("uvms_ocp.codegen.c_compiler.find_compiler", lambda: None)
 
 
+@pytest.mark.sampled
 @pytest.mark.usefixtures("not_compiled")
 @pytest.mark.parametrize("seed", [1, 17])
 def test_a_drawn_file_goes_through_or_has_a_reason(seed: int) -> None:

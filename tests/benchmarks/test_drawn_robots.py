@@ -68,6 +68,7 @@ def seeds_of(n: int, joints: int, first: int) -> list[int]:
 _BARE = seeds_of(40, 0, 500)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "seed", [*_BARE[:6], *(pytest.param(seed, marks=pytest.mark.slow) for seed in _BARE[6:])]
 )

@@ -50,6 +50,7 @@ def recorded() -> dict[str, tuple[int, int]]:
     return {path.name: (path.stat().st_size, path.stat().st_mtime_ns) for path in RESULTS.iterdir()}
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("benchmark", [*map(paced, READY), *ELSEWHERE], ids=str)
 def test_a_benchmark_writes_its_files_with_one_head(benchmark: Benchmark, tmp_path: Path) -> None:

@@ -230,6 +230,7 @@ def tampered(folder: Path, tampering: Tampering, draw: int) -> str:
     return f"{tampering.__name__} {draw}: {json.dumps(manifest)[:300]}"
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("tampering", TAMPERINGS, ids=lambda one: one.__name__)
 def test_what_was_altered_is_refused_in_one_line(tampering: Tampering, folder: Path) -> None:
     for draw in range(10):

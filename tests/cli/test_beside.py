@@ -42,6 +42,7 @@ def test_commands_know_the_names_of_figures_before_anything_that_draws_is_loaded
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("module", ["plan", "run"])
 def test_commands_load_no_missions_before_they_are_asked_for_one(module: str) -> None:
     """Plans among obstacles need none, and missions of one's own none of those that come with the

@@ -66,6 +66,7 @@ def test_help_lists_every_command_with_the_first_words_of_its_own_help() -> None
         assert " ".join(command.help.partition("\n\n")[0].split()) == summary != ""
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("words", ["--help", "--version", "plan --help", "flies"])
 def test_what_names_no_command_imports_none(words: str) -> None:
     code = f"import sys; from uvms_ocp.cli.commands import main; sys.argv[1:] = {words.split()}"

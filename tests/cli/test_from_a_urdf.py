@@ -116,6 +116,7 @@ def told(*words: str) -> str:
     return result.output
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", STRANGERS)
 def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) -> None:
     source = tmp_path / "theirs.urdf"

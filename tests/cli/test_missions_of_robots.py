@@ -22,6 +22,7 @@ def told(*words: str) -> str:
     return result.output
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ODD)
 def test_the_mission_of_the_template_is_accepted(kind: str, tmp_path: Path) -> None:
     robot = tmp_path / "robot"

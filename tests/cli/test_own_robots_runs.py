@@ -95,6 +95,7 @@ def test_a_record_finds_the_robot_that_it_was_made_with(
     assert loaded_robot.model == robot.model
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("motion", [ran, planned])
 def test_a_motion_of_ones_own_robot_is_shown_until_its_folder_moves(
     motion: Any, project: Path

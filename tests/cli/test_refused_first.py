@@ -74,6 +74,7 @@ def _is_one_line(row: dict[str, object], text: str) -> bool:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "words",
     [

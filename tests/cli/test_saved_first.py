@@ -69,6 +69,7 @@ def test_a_figure_that_fails_costs_that_figure(
     assert report["completed"] == Record.load(tmp_path / "out" / "record.npz").run_meta.completed
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("asked", "written"),
     [

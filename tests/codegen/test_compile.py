@@ -109,6 +109,7 @@ def test_compiled_minima_and_maxima_leave_out_what_is_no_number() -> None:
         np.testing.assert_array_equal([float(value) for value in compiled(*pair)], expected)
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("garbage", [b"", b"garbage", b"\x7fELF" + bytes(4096)])
 def test_garbage_in_the_cache_is_compiled_anew(garbage: bytes) -> None:
@@ -555,6 +556,7 @@ with turn_to_make(Path(sys.argv[1]), 1.0):
 """
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.skipif(sys.platform == "win32", reason="locks of files")
 @pytest.mark.parametrize("behind", [False, True])

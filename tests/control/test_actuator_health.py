@@ -449,6 +449,7 @@ def looks_of(machine: Robot) -> tuple[Any, Callable[..., int], int]:
     return memory, look, residual_filter.every
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("kind", MANNERS)
 def test_in_c_and_in_python_a_fault_is_judged_by_the_same_bits(kind: FaultKind) -> None:

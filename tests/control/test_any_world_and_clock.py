@@ -97,6 +97,7 @@ def commands(
     return np.array(rows)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("name", list_robots())
 def test_the_same_is_commanded_in_any_world_and_by_any_clock(name: str, solver: str) -> None:
@@ -118,6 +119,7 @@ def test_the_same_is_commanded_in_any_world_and_by_any_clock(name: str, solver: 
         assert np.abs(moved[:n] - usual[:n]).max() <= allowed, case
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize(
     ("name", "more"),

@@ -21,6 +21,7 @@ from uvms_ocp.robot.signals import Command
 SHARES = (1.0, 0.25, 0.05)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", [FULL, "planar5"])
 def test_each_axis_keeps_the_force_of_its_integral_at_another_share(name: str) -> None:
     velocity: VelocityLaw = laws(name).velocity
@@ -43,6 +44,7 @@ def test_each_axis_keeps_the_force_of_its_integral_at_another_share(name: str) -
             assert new[axis] == pytest.approx(old[axis], rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("dt", "observed"), [(1 / 20, False), (1 / 50, True), (1 / 200, False)])
 def test_a_load_that_rests_is_borne_alike_whatever_share_the_loops_come_to(
     dt: float, observed: bool

@@ -115,6 +115,7 @@ OTHERS = [
 ][1:]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("sensors", SENSORS)
 @pytest.mark.parametrize("began", BEGINNINGS)
 def test_commands_are_the_same_whatever_the_clock_shows(sensors: str, began: float) -> None:

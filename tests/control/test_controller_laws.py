@@ -80,6 +80,7 @@ def assert_same(first: Any, second: Any) -> None:
         np.testing.assert_array_equal(first, second)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("build", [kinematic, dynamic])
 def test_the_same_measurements_give_the_same_commands(
     scenario: Scenario, measurements: list[StateEstimate], build: Build
@@ -107,6 +108,7 @@ def test_the_dynamic_layer_leaves_the_velocities_of_the_kinematic_one_as_they_ar
         assert first.hold == second.hold
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("build", [kinematic, dynamic])
 def test_a_tick_asks_once_whether_its_measurement_is_sound(
     scenario: Scenario,
@@ -128,6 +130,7 @@ def test_a_tick_asks_once_whether_its_measurement_is_sound(
     ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("build", [kinematic, dynamic])
 def test_a_controller_has_all_its_memory_from_the_start(
     scenario: Scenario, measurements: list[StateEstimate], build: Build
@@ -213,6 +216,7 @@ def efforts_after(
     return np.concatenate([command.telemetry["wrench"], command.torque])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("axis", [0, 5, 9])
 def test_an_axis_at_the_end_of_its_force_does_not_wind_up(

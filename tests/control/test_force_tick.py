@@ -118,6 +118,7 @@ def ticked(
     return ForceOutputs(**dict(zip(ForceOutputs.__dataclass_fields__, told, strict=True)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ROBOTS)
 def test_without_errors_the_force_is_that_of_the_model(name: str) -> None:
     """That of the motors is for a vehicle that accelerates as its thrusters push it."""
@@ -138,6 +139,7 @@ def test_without_errors_the_force_is_that_of_the_model(name: str) -> None:
     np.testing.assert_allclose(acceleration[n:], 0.0, atol=1e-9)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("measured", "lost", "share"), [(True, False, 1.0), (True, True, 0.25), (False, False, 0.25)]
 )
@@ -154,6 +156,7 @@ def test_joints_keep_their_bandwidth_where_sensors_tell_their_rates(
     np.testing.assert_allclose(tick.state.share[robot.joint_v], share, rtol=1e-3)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", [FULL, "planar5"])
 def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: str) -> None:
     tick = ForceTick(laws(name))
@@ -179,6 +182,7 @@ def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: s
     np.testing.assert_allclose(v, 0.0, atol=1e-4)
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("name", ROBOTS)
 def test_compiled_and_not_a_tick_gives_the_same(name: str) -> None:
@@ -229,6 +233,7 @@ def test_what_holds_locked_joints_is_what_held_them_whatever_their_readings_beco
     np.testing.assert_allclose(free, locked if known else weight, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ROBOTS[:2])
 def test_readings_that_come_back_under_brakes_change_nothing_though_the_disturbance_was_limited(
     name: str,
@@ -281,6 +286,7 @@ def known(tick: ForceTick) -> ForceState:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("dt", [1 / 20, 1 / 100, 1 / 200])
 def test_brakes_that_lock_ask_no_acceleration_of_thrusters(dt: float) -> None:
     """The reference of joints ends at once where brakes lock: taken for an acceleration, the
@@ -469,6 +475,7 @@ def test_a_place_that_is_no_number_is_not_looked_at_though_no_force_depends_on_i
     assert places == [1.0, 1.0, 1.0, 2.0]
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("name", ROBOTS)
 def test_in_c_and_in_python_a_tick_gives_the_same(name: str) -> None:

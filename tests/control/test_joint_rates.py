@@ -15,6 +15,7 @@ from uvms_ocp.scenario.cases.bluerov import reach
 from uvms_ocp.scenario.cases.transit import obstacle_field
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("noise", [False, True])
 def test_a_joint_that_is_faster_than_commanded_is_commanded_less(noise: bool) -> None:
@@ -28,6 +29,7 @@ def test_a_joint_that_is_faster_than_commanded_is_commanded_less(noise: bool) ->
     assert passed_rates(record) == []
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("noise", [False, True])
 def test_joints_keep_their_limits_at_a_long_control_period(noise: bool) -> None:

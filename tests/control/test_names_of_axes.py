@@ -15,6 +15,7 @@ def test_every_axis_of_an_arm_has_the_name_of_its_joint() -> None:
     assert len(robot.joint_of_axis) == robot.n_joints
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("axis", range(5))
 def test_brakes_and_jams_of_an_axis_are_told_by_the_name_of_its_joint(axis: int) -> None:
     """That of the last axis was looked for beyond the last name."""

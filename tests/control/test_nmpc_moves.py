@@ -257,6 +257,7 @@ def law_of_moving(name: str, periods: float, beside: bool, monkeypatch: pytest.M
     assert (late >= 5) <= any("plans are late" in text for text in flight.told)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "periods", "beside"), QUICK)
 def test_it_leaves_its_start_and_arrives(
     name: str, periods: float, beside: bool, monkeypatch: pytest.MonkeyPatch
@@ -275,6 +276,7 @@ def test_it_leaves_its_start_and_arrives_whatever_time_solves_take(
 # Where there is nothing to fly, the mission hears of it.
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("beside", [False, True])
 def test_after_three_plans_that_may_not_be_flown_the_mission_is_given_up(
     beside: bool, monkeypatch: pytest.MonkeyPatch

@@ -58,6 +58,7 @@ def observer_of(masses: np.ndarray, w: np.ndarray, limit: float = 1e3) -> Distur
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("bandwidth", [(0.5, 1.0), (3.0, 4.0), (10.0, 20.0)])
 def test_a_step_of_the_disturbance_is_found_as_fast_as_the_bandwidth_says(
     bandwidth: tuple[float, float],

@@ -39,6 +39,7 @@ def cases() -> list[object]:
     return cases
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize(("name", "dt", "kind", "size"), cases())

@@ -174,6 +174,7 @@ def test_axes_that_no_task_needs_stay_still_through_the_first_transition() -> No
     assert np.abs(record["command"][:, 4]).max() < 1e-2  # pitch
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "solver", [uo.LexicographicActiveSet(), uo.Icat()], ids=lambda solver: type(solver).__name__
 )
@@ -295,6 +296,7 @@ def test_arms_of_few_joints_end_where_damped_least_squares_ends_also_from_a_stra
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("start", [0.0, 0.3])
 def test_icat_says_where_its_published_damping_ends_before_a_singularity(
     start: float, tmp_path: Path

@@ -44,6 +44,7 @@ def left_of(error: np.ndarray, seconds: float, problem: OcpProblem) -> tuple[np.
     return tuple(np.transpose(states))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("delay", [0.004, 0.05, 0.11])
 def test_a_plan_begins_where_the_robot_will_be_by_then(delay: float) -> None:
     """Near the present plan, by what tracking leaves of the distance that was measured."""

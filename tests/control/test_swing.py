@@ -119,6 +119,7 @@ def balance(robot: Robot, joints: np.ndarray, weight: float) -> float:
     return (low + high) / 2
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("weight", [0.0, 20.0])
 @pytest.mark.parametrize("posture", POSTURES)
 def test_the_vehicle_leans_after_its_joints_as_the_rows_say(

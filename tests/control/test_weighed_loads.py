@@ -97,6 +97,7 @@ def test_what_no_weight_at_a_tool_makes_is_not_explained(name: str) -> None:
         assert weigh(name, q, estimate)[1] < 0.7
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("speed", [0.0, 0.4, 0.6, -0.9])
 def test_no_arm_is_let_go_while_its_vehicle_is_carried_off(speed: float) -> None:
     """Its load was weighed, and brakes let go, though they were to last as long as that."""

@@ -57,6 +57,7 @@ def test_between_readings_the_spread_grows_with_what_may_have_happened_since() -
     assert last[-1] > 5.0 * last[0]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["girona_maris7", "planar5"])
 def test_better_sensors_allow_more(name: str) -> None:
     robot = load_robot(name)
@@ -95,6 +96,7 @@ def with_limit(scenario: Scenario, limit: float) -> Scenario:
     return replace(scenario, mission=replace(scenario.mission, phases=tuple(phases)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("noise", [True, False])
 def test_a_threshold_below_what_the_sensors_allow_is_a_warning(noise: bool) -> None:
     scenario = case1(noise=noise, plant="kinematic")

@@ -67,6 +67,7 @@ ESTIMATORS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ESTIMATORS)
 def test_an_estimate_is_the_same_in_any_world(kind: str) -> None:
     robot = uo.load_robot("bluerov2_alpha5")

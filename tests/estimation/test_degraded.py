@@ -125,6 +125,7 @@ def test_whatever_is_lost_limits_hold_and_the_run_ends_for_a_reason_that_names_i
         assert np.abs(after(record, "command", start + 1.5)).max() < 1e-9
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("trust", [Trust.SUSPECT, Trust.LOST])
 @pytest.mark.parametrize("phase", ["A", "C"])
@@ -140,6 +141,7 @@ def test_without_altimeter_nothing_sinks_for_longer_than_it_takes_to_stop(
     assert [event.target for event in record.run_meta.events] == ["B", "C", "D", DONE]
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize(
     "channel", ["position", "linear_velocity", "attitude", "joint_positions", "altimeter_range"]
@@ -182,6 +184,7 @@ def test_without_an_abort_phase_the_robot_holds_and_says_what_holds_it_back(
     assert record.run_meta.pending.endswith("; joint_positions lost: broken by a test since 8.0 s")
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("start", [4.0, 8.9, 12.3])
 def test_a_doubt_that_is_over_leaves_no_haste_behind(

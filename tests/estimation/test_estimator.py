@@ -154,6 +154,7 @@ def test_at_rest_the_altitude_is_known_to_four_millimetres(resting):
     assert deviation(resting, "altimeter").max() < 4e-3
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("commanded", [False, True])
 @pytest.mark.parametrize("motion", [swaying, steps])
 def test_estimated_velocities_lag_by_less_than_fifty_milliseconds(robot, start, motion, commanded):
@@ -243,6 +244,7 @@ class Gliding:
         return Readings(**{name: taken(name, value) for name, value in values.items()})
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("late", "spin_up"),
     [

@@ -172,6 +172,7 @@ def test_a_refused_channel_is_not_used_until_it_is_trusted_again() -> None:
     assert robot_at_rest.run(0.5).age < 0.25
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(3))
 def test_no_delay_makes_the_estimate_diverge(seed: int) -> None:
     """Of any channel, from 0 to 2 s, which the filter has not been told of."""
@@ -268,6 +269,7 @@ def test_a_range_that_cannot_be_is_no_echo_and_no_answer(value: float) -> None:
     assert all(estimator.used("altimeter_range") > 1.4 for estimator in twins.both)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("channel", "jump"),
     [
@@ -293,6 +295,7 @@ def test_exact_sensors_that_jump_and_come_back_are_followed(
         assert np.abs(measurement.v).max() < 1e-2
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("delay", [0.0, pytest.param(0.3, marks=pytest.mark.slow), 1.0])
 def test_late_readings_find_the_estimate_again_after_a_long_silence(delay: float) -> None:
     """When the filter knows nothing any more, however late what is read is."""

@@ -65,6 +65,7 @@ def dynamic(robot: Robot) -> DynamicController:
     return DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=diving(robot))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("build", [diving, dynamic])
 @pytest.mark.parametrize(("field", "index"), [("q", 0), ("q", 4), ("q", 10), ("v", 2), ("v", 9)])
 def test_a_number_that_is_none_counts_as_a_silent_sensor(
@@ -142,6 +143,7 @@ def test_a_robot_that_has_never_measured_holds_until_first_readings_are_overdue(
     assert control(broken, stop_after + DT).stop
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("outage", [0.0, CALM])
 def test_minimum_altitude_holds_while_echoes_are_missing(robot: Robot, outage: float) -> None:
     control = diving(robot)

@@ -90,6 +90,7 @@ def with_own(*own: Channel, **sensors: SensorSpec | None) -> SensorSpecs:
     return replace(SensorSpecs(), **sensors, own=own)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_compiler)])
 def test_what_it_reads_is_fused(robot: Robot, compiled: bool) -> None:
     """Rough fixes leave the place along the beam less known without it."""

@@ -72,6 +72,7 @@ class Babble:
         return Command(v=0.1 * self.rng.standard_normal(self.robot.n_v))
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("name", ["girona_maris7", "planar5"])
 @pytest.mark.parametrize(

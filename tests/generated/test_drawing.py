@@ -43,6 +43,7 @@ def drawn(strategy: st.SearchStrategy[Any], n: int = 60) -> list[str]:
     return values
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ALL)
 def test_values_do_not_depend_on_what_else_is_loaded(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

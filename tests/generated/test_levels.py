@@ -98,6 +98,7 @@ def _levels(sizes: list[int], seed: int, dependent: bool) -> list[Level]:
     return levels
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("solver", "usual"),
     [

@@ -48,6 +48,7 @@ def imported() -> set[str]:
     return set(process.stdout.split())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("library", RARE)
 def test_what_few_calls_need_is_not_imported_at_once(imported: set[str], library: str) -> None:
     assert library not in imported

@@ -89,6 +89,7 @@ def test_what_is_seen_later_changes_no_prediction() -> None:
     np.testing.assert_array_equal(*rows)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("own", "least", "most"), [(True, 90.0, 100.0), (False, -1e3, 60.0)])
 def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
     own: bool, least: float, most: float

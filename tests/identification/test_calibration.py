@@ -329,6 +329,7 @@ def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
     assert np.abs(ends[1] - ends[0] - expected).max() < 0.1 * np.abs(expected).max()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("left_out", "known"),
     [

@@ -76,6 +76,7 @@ def test_two_boots_in_a_file_are_parts_of_their_own_and_said(tmp_path: Path) -> 
     np.testing.assert_allclose(second.channels["position"].values, values + 20.0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("delay", [2.0, 7.5, -4.0])
 def test_a_delay_beyond_the_usual_ones_is_told(delay: float) -> None:
     t = np.arange(0.0, 120.0, 0.05)

@@ -47,6 +47,7 @@ def lag_of(moved: Recording, *, signed: bool = True) -> CommandLag:
     return measured
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("signed", [True, False])
 @pytest.mark.parametrize("by", [0.0, 0.3, -0.4, 0.9])
 def test_the_lag_behind_a_command_is_measured_with_its_error(by: float, signed: bool) -> None:
@@ -56,6 +57,7 @@ def test_the_lag_behind_a_command_is_measured_with_its_error(by: float, signed: 
     assert measured.share > 0.5
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("by", [0.5, 0.8])
 def test_commands_that_were_logged_late_are_said_with_the_delay_that_cures_it(by: float) -> None:
     doubts = [issue.problem for issue in check_data_quality(later(by)) if issue.channel == "wrench"]

@@ -146,6 +146,7 @@ def read(folder: Path, channels: dict[str, Keys]) -> str:
     return told(mapped_recording(folder, RecordingMapping.model_validate({"channels": channels})))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "spoil", "doubt", "cure"), CURES, ids=[f"{k} {one[0]}" for k, one in enumerate(CURES)]
 )

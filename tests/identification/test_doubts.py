@@ -132,6 +132,7 @@ VALUES: list[tuple[str, Change, str]] = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "change", "text"), VALUES)
 def test_axes_signs_units_and_dead_columns_are_named(name: str, change: Change, text: str) -> None:
     found = told(with_values(moved(), name, change))
@@ -160,6 +161,7 @@ ATTITUDES: dict[str, Change] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "beside",
     [
@@ -206,6 +208,7 @@ def test_a_quaternion_alone_is_in_the_order_in_which_the_vehicle_is_level(how: s
     assert "reads better" not in told(with_values(alone, "attitude", lambda _: tumbling))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["angular_velocity", "linear_velocity", "specific_force"])
 def test_a_sensor_along_other_axes_is_not_told_as_an_attitude_that_is_read_wrong(name: str) -> None:
     text = told(with_values(moved(), name, lambda x: x[:, [1, 0, 2]] * [1, -1, 1]))
@@ -215,6 +218,7 @@ def test_a_sensor_along_other_axes_is_not_told_as_an_attitude_that_is_read_wrong
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("angle", [-120.0, -60.0, 45.0, 130.0, 150.0])
 def test_a_yaw_from_elsewhere_is_told_by_where_velocities_point(angle: float) -> None:
     """Other axes would explain two thirds of the motion, and that is not what they do where they
@@ -228,6 +232,7 @@ def test_a_yaw_from_elsewhere_is_told_by_where_velocities_point(angle: float) ->
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("angle", [-55.0, -35.0, 35.0, 55.0])
 def test_a_heading_that_is_turned_is_told_by_how_much(angle: float) -> None:
     half = np.deg2rad(angle) / 2
@@ -330,6 +335,7 @@ TIMES: list[tuple[str, Change, str]] = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "change", "text"), TIMES)
 def test_clocks_that_differ_or_jump_are_named(name: str, change: Change, text: str) -> None:
     found = told(with_times(moved(), name, change))
@@ -343,6 +349,7 @@ def test_times_that_went_back_or_were_repeated_in_the_file_are_told() -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shift", [0.7, 1.2, -1.5])
 @pytest.mark.parametrize("command", ["wrench", "thrust"])
 def test_a_command_of_another_clock_is_named(command: str, shift: float) -> None:
@@ -375,6 +382,7 @@ def commanded(command: str) -> Recording:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("change", "text"),
     [
@@ -426,6 +434,7 @@ def test_a_robot_that_rests_at_first_has_lost_no_samples() -> None:
     assert "15 of 800 samples are exactly zero" in told(holes)  # of the first it may be so
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["position", "attitude", "linear_velocity", "angular_velocity"])
 def test_a_sensor_that_stops_while_the_vehicle_moves_is_named(name: str) -> None:
     stopped = with_values(
@@ -460,6 +469,7 @@ def test_a_vehicle_that_rolls_over_is_not_taken_for_one_with_z_down() -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["linear_velocity", "angular_velocity", "specific_force"])
 @pytest.mark.parametrize("share", [0.4, 0.8])
 def test_a_sensor_at_the_end_of_its_range_is_named(name: str, share: float) -> None:

@@ -177,6 +177,7 @@ def test_what_signals_by_hand_tell_less_of_than_is_believed_is_left_to_belief() 
     )
 
 
+@pytest.mark.slow
 def test_commands_keep_to_thrust_and_slew_from_rest() -> None:
     told = found().commands.values
     assert not told[0].any()

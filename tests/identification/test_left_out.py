@@ -131,6 +131,7 @@ def test_all_predict_the_same_samples_after_what_was_known() -> None:
                     np.testing.assert_array_equal(*pair)
 
 
+@pytest.mark.slow
 def test_what_was_identified_predicts_best() -> None:
     for one in found():
         for horizon in one.horizons:

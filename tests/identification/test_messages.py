@@ -131,6 +131,7 @@ def require_good(read: Recording, *, position_at: float = 0.0) -> None:
         np.testing.assert_array_equal(read.channels["thrust"].values, THRUSTS)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 def test_a_rosbag2_folder_becomes_channels(storage: str, tmp_path: Path) -> None:
     bag = ros_bag(tmp_path / "dive", storage)
@@ -271,6 +272,7 @@ def test_a_topic_of_a_table_is_refused(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 def test_damaged_bags_are_told_in_a_line(storage: str, tmp_path: Path) -> None:
     bag = ros_bag(tmp_path / "dive", storage)
@@ -301,6 +303,7 @@ def test_whatever_bytes_are_changed_a_bag_is_read_or_refused(storage: str, tmp_p
             mapped_recording(bag, ROS)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["dive.db3", "dive.sqlite"])
 def test_a_bag_that_makes_up_its_rows_is_refused_whatever_it_is_called(
     tmp_path: Path, name: str

@@ -46,6 +46,7 @@ def doubts(recording: Recording) -> str:
     return "; ".join(map(str, check_data_quality(recording)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("scale", [0.9, 1.05, 1.15])
 def test_a_scale_comes_back_within_three_standard_errors(scale: float) -> None:
     recording = measured(scale=scale)
@@ -77,6 +78,7 @@ def test_turned_axes_come_back_with_their_sign() -> None:
     assert "how is it mounted" in doubts(measured(rpy=rpy))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("heading", [-5.0, 8.0])
 def test_a_heading_that_is_a_little_off_is_told_with_its_sign(heading: float) -> None:
     text = doubts(measured(heading=heading))
@@ -85,6 +87,7 @@ def test_a_heading_that_is_a_little_off_is_told_with_its_sign(heading: float) ->
     assert abs(told - heading) < 1.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(4))
 def test_a_sensor_that_is_mounted_as_it_should_be_is_not_doubted(seed: int) -> None:
     assert doubts(measured(seed=seed)) == ""

@@ -90,6 +90,7 @@ def test_names_read_messages_that_have_them_and_leave_others_out(tmp_path: Path)
     np.testing.assert_array_equal(read[:, 0], ANGLES["elbow"][: N // 2])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("n_joints", [2, 3])
 def test_joints_are_proposed_as_joints_by_their_names(n_joints: int, tmp_path: Path) -> None:
     path = joint_states(tmp_path / "arm.mcap", [FIRST[:n_joints]])

@@ -81,6 +81,7 @@ def test_a_towing_test_of_one_axis_gives_its_numbers() -> None:
     assert f"| towed | {calibration.estimate.per_recording['towed'][0]:.3g} |" in report
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("commands", ["wrench", "propeller_commands"])
 def test_a_decay_test_needs_neither_commands_nor_attitude(commands: str) -> None:
     learn = {"linear_drag": {}, "quadratic_drag": {}}

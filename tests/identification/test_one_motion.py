@@ -44,11 +44,13 @@ def doubts(recording: Recording) -> str:
     return "; ".join(map(str, check_data_quality(recording)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(3))
 def test_sound_recordings_are_not_doubted(seed: int) -> None:
     assert doubts(noisy(seed)) == ""
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["linear_velocity", "angular_velocity", "position"])
 def test_a_channel_of_another_run_is_said(name: str) -> None:
     values = noisy(3).channels[name].values
@@ -92,6 +94,7 @@ def test_an_accelerometer_of_another_run_is_said() -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("share", [0.5, 0.2])
 def test_two_senders_that_the_file_does_not_name_are_said(share: float) -> None:
     recording = noisy()
@@ -175,6 +178,7 @@ def test_an_attitude_that_turns_by_itself_is_said_with_its_time() -> None:
     )
 
 
+@pytest.mark.slow
 def test_all_of_a_long_recording_is_looked_at() -> None:
     text = doubts(turned_for_a_second(noisy(t_end=1500.0), 1400.0))
     assert "turns otherwise than the angular_velocity at 2 moments, first at 1400 s" in text
@@ -199,6 +203,7 @@ def test_an_order_is_told_of_a_vehicle_that_turns_in_place() -> None:
     assert "% of the turns by the gyro unexplained in place of " in text
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("scale", [0.95, 1.05, 1.15])
 def test_a_scale_of_a_gyro_is_said_with_its_cure(scale: float) -> None:
     recording = noisy()
@@ -209,6 +214,7 @@ def test_a_scale_of_a_gyro_is_said_with_its_cure(scale: float) -> None:
     assert abs(cured * scale - 1.0) < 0.003
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("form", ["rpy 3-1-2", "rpy 2-1-3", "rpy 1-2-3", "rpy 1-3-2", "rpy 2-3-1"])
 def test_map_reads_angles_in_their_order(tmp_path: Path, form: str) -> None:
     from scipy.spatial.transform import Rotation
@@ -237,6 +243,7 @@ def test_map_reads_angles_in_their_order(tmp_path: Path, form: str) -> None:
     assert (read * rotation.inv()).magnitude().max() < 1e-6
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "step"), [("position", 0.2), ("linear_velocity", 0.1), ("angular_velocity", 0.1)]
 )
@@ -294,6 +301,7 @@ def test_an_accelerometer_without_gravity_says_nothing_of_the_attitude() -> None
     assert "axes or format" not in text
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("late", [2.0, -2.5, 5.0, 12.0])
 def test_a_velocity_of_swings_that_is_late_by_far_is_told_by_its_components(late: float) -> None:
     """Magnitudes of swings repeat: 1.5 s early was said of 2 s late."""

@@ -110,6 +110,7 @@ def test_slopes_of_what_is_seen_are_differences() -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("processors", [1, 2, 3])
 def test_stretches_are_simulated_beside_each_other_as_alone(
     processors: int, monkeypatch: pytest.MonkeyPatch

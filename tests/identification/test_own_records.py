@@ -155,11 +155,13 @@ FAULTS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("fault", "text"), FAULTS.items(), ids=FAULTS)
 def test_a_fault_of_a_run_is_told(fault: str, text: str) -> None:
     assert text in told(driven_run(duration=6.0, faults=(parse_fault(fault),)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("delay", [0.0, 0.1])
 def test_a_run_is_recorded_as_its_sensors_saw_it_when_they_did(delay: float) -> None:
     specs = robot_sensors(slow().description)

@@ -83,6 +83,7 @@ def thrust(path: Path, keys: dict[str, Any]) -> Channel:
     return mapped_recording(path, mapping).channels["thrust"]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 @pytest.mark.parametrize(
     "topic", ["/thruster_{}/cmd", "/model/rov2/joint/thruster{}_joint/cmd_thrust"]

@@ -44,6 +44,7 @@ def error(recording: Recording) -> float:
     return float(np.abs(heights - dive().channels["position"].values[:, 2]).max())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("column", "unit", "air"),
     [
@@ -61,6 +62,7 @@ def test_a_pressure_becomes_a_height(column: str, unit: str, air: float, tmp_pat
     assert error(read_as_proposed(log(tmp_path, column, unit, air=air))) < 0.05
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("column", ["press_kpa", "pressure"])
 def test_a_pressure_without_a_velocity_is_told_by_name_or_doubted(
     column: str, tmp_path: Path

@@ -49,6 +49,7 @@ def columns_of(recording: Recording, names: Mapping[str, str]) -> dict[str, np.n
     return found
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", CHANNEL_KINDS)
 def test_a_recording_that_we_write_is_proposed_as_it_was(kind: str, tmp_path: Path) -> None:
     width = len(CHANNEL_KINDS[kind].columns) or 6
@@ -107,6 +108,7 @@ OTHERS: dict[
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("names", "spoiled", "said"), OTHERS.values(), ids=OTHERS)
 def test_what_values_say_is_cured_and_its_evidence_stands_beside_it(
     names: dict[str, str],
@@ -421,6 +423,7 @@ ARRAYS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "names", [ARRAYS, {name: name for name in ARRAYS}], ids=["short", "in full"]
 )
@@ -715,6 +718,7 @@ def test_the_command_prints_what_check_recording_takes(tmp_path: Path) -> None:
     assert "position" in checked.stdout
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("zeros", [1, None], ids=["before the first fix", "always"])
 def test_a_channel_that_cannot_be_read_leaves_the_evidence_of_the_others(
     zeros: int | None, tmp_path: Path

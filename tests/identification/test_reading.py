@@ -31,6 +31,7 @@ def run() -> Record:
     return case1(noise=True, dt=0.02, duration=0.5).run()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("ending", [".npz", ".parquet", ".mcap"])
 def test_a_record_of_a_run_is_a_recording_of_what_was_measured(
     ending: str, run: Record, tmp_path: Path

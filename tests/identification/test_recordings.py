@@ -56,6 +56,7 @@ ON_ITS_BACK = np.array(
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "values", "text"),
     [
@@ -90,6 +91,7 @@ def test_a_velocity_in_the_world_frame_is_named() -> None:
     assert "in W" in told(changed(GOOD, "linear_velocity", values=inside))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("late", [0.3, -0.4])
 def test_offsets_of_clocks_are_told_and_corrected_by_a_delay(late: float) -> None:
     name = "linear_velocity"
@@ -124,6 +126,7 @@ def test_even_messages_are_told_when_they_were_sent() -> None:
     assert left.mean() < 0.25 * late.mean()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("ending", [".csv", ".csv.gz", ".parquet"])
 def test_a_stored_recording_comes_back(ending: str, tmp_path: Path) -> None:
     if ending == ".parquet":

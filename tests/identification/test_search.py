@@ -76,6 +76,7 @@ def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
     np.testing.assert_allclose(fitted.shared, wanted.shared, atol=1e-3)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("every", [2, 3, 5])
 def test_motions_that_alternate_are_all_among_some_minutes(every: int) -> None:
     auv = vehicle()

@@ -222,6 +222,7 @@ def test_of_one_sender_no_series_can_be_chosen(tmp_path: Path) -> None:
         mapped_recording(path, mapping)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("every", [2, 5, 20])
 def test_a_second_sender_that_sends_seldom_is_seen(every: int) -> None:
     recording = recorded(t_end=60.0)

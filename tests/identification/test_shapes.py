@@ -95,6 +95,7 @@ def towed(subject: CalibratedRobot, mass: float, drag: float) -> Recording:
     return Recording(name="towed", channels=channels)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", LINKS)
 def test_numbers_replace_the_shape_in_the_file_and_all_others_stay_as_it_gave_them(
     name: str, tmp_path: Path
@@ -131,6 +132,7 @@ def test_numbers_replace_the_shape_in_the_file_and_all_others_stay_as_it_gave_th
     assert hull_of(after).by_flow == hull_of(before).by_flow == ("flow" in name)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", LINKS)
 def test_buoyancy_is_where_it_was_when_nothing_says_otherwise(name: str, tmp_path: Path) -> None:
     """Whatever the frame of the coefficients; the hull's box is around the same place, too."""

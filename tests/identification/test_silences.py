@@ -40,6 +40,7 @@ def test_a_channel_that_is_silent_while_others_are_not_cuts_nothing() -> None:
     assert split_at_gaps([lost]) == (lost,)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("by", [5.0, 3600.0])
 def test_parts_have_every_sample_and_no_silence_and_the_first_says_what_was_cut(by: float) -> None:
     parts = split_at_gaps([later(GOOD, 10.0, by)])

@@ -29,6 +29,7 @@ def held(recording: Recording, names: Collection[str]) -> Recording:
     return replace(recording, channels=channels)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", MOVING.channels)
 def test_a_channel_that_stands_still_is_named_and_nothing_breaks(name: str) -> None:
     issues = check_data_quality(held(MOVING, {name}))

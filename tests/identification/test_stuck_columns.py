@@ -17,6 +17,7 @@ def doubts(recording: Recording) -> str:
     return "; ".join(map(str, check_data_quality(recording)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["position", "linear_velocity", "angular_velocity"])
 @pytest.mark.parametrize("columns", [[0], [1], [2], [0, 2]])
 def test_columns_that_stop_alone_are_named(name: str, columns: list[int]) -> None:

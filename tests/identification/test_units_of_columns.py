@@ -31,6 +31,7 @@ def attitude_and_velocity() -> dict[str, np.ndarray]:
 FACTORS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "units", [("", "", "cm"), ("mm", "mm", "m"), ("m", "m", "mm"), ("", "", "m"), ("", "", "")]
 )

@@ -217,6 +217,7 @@ def test_an_error_that_grows_is_not_still_improving() -> None:
         assert np.sign(_trend(spoilt, asked)[1]) in (gained, 0.0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("mass", [2.0, -2.0])
 def test_a_phase_ends_by_what_the_vehicle_carries(mass: float) -> None:
     """Of either sign, and not while it carries nothing."""

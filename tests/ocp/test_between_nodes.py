@@ -125,6 +125,7 @@ def assert_same(found: tuple[float, float], dense: float) -> None:
 # --- the check ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(4))
 def test_a_check_says_what_dense_samples_say(arm_vehicle: Robot, seed: int) -> None:
     robot = arm_vehicle
@@ -259,6 +260,7 @@ def assert_kept(problem: OcpProblem, plan: Plan) -> None:
         assert item.worst.amount <= 2 * KEPT, item.name
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("draw", range(4))
 def test_joint_limits_are_kept_between_nodes(arm_vehicle: Robot, draw: int) -> None:
     robot = arm_vehicle
@@ -291,6 +293,7 @@ def test_joint_limits_are_kept_between_nodes(arm_vehicle: Robot, draw: int) -> N
     assert_kept(problem, plan)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("n_steps", "aside"), [(5, 0.03), (9, -0.02), (14, 0.0)])
 def test_a_thin_post_is_passed_and_not_passed_through(
     vehicle: Robot, n_steps: int, aside: float
@@ -305,6 +308,7 @@ def test_a_thin_post_is_passed_and_not_passed_through(
     assert_kept(problem, plan)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("n_steps", "late", "speed"), [(8, 0.3, 3.0), (20, 0.4, 4.0)])
 def test_a_boat_does_not_pass_through_the_vehicle(
     vehicle: Robot, n_steps: int, late: float, speed: float
@@ -345,6 +349,7 @@ def own_floor(level: float) -> Callable[[StageSymbols], Any]:
     return lambda stage: stage.tick.kinematics.pose("base_link")[1][2] - level
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("sink", "room", "n_steps"), [(0.12, 0.1, 6), (0.08, 0.03, 10)])
 def test_an_own_row_is_kept_between_nodes(
     vehicle: Robot, sink: float, room: float, n_steps: int

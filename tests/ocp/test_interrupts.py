@@ -36,6 +36,7 @@ def planner(robot: Robot, request: pytest.FixtureRequest) -> Planner:
     return patient(reach(robot), request.param)
 
 
+@pytest.mark.sampled
 def test_every_iteration_is_told_with_its_level(planner: Planner) -> None:
     told: list[IterationReport] = []
     plan = planner.plan(progress=told.append)
@@ -56,6 +57,7 @@ def far(planner: Planner, robot: Robot) -> Planner:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("at", [0, 1, 20])
 def test_a_stop_by_hand_returns_the_best_point_so_far(
     planner: Planner, robot: Robot, at: int
@@ -82,6 +84,7 @@ def test_a_stop_by_hand_returns_the_best_point_so_far(
     assert np.isfinite(plan.trajectory.q).all()
 
 
+@pytest.mark.sampled
 def test_a_search_goes_on_from_where_it_was_stopped(planner: Planner) -> None:
     def stop(moment: IterationReport) -> None:
         if moment.iteration == 2:
@@ -151,6 +154,7 @@ def test_whenever_it_is_pressed_a_new_planner_and_its_plan_end_in_one_line(robot
     assert plan.status is OcpStatus.SOLVED
 
 
+@pytest.mark.sampled
 def test_an_error_of_the_one_who_looks_on_is_his(planner: Planner) -> None:
     def fail(moment: IterationReport) -> None:
         raise ZeroDivisionError("mine")
@@ -239,6 +243,7 @@ def test_ctrl_c_between_two_solves_ends_the_next_one_at_once(
     assert stop.value.result.status is OcpStatus.INTERRUPTED
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("place", ["__init__", "parameters"])
 def test_ctrl_c_while_a_first_guess_is_looked_for_ends_the_search_with_a_plan(
     place: str, robot: Robot, monkeypatch: pytest.MonkeyPatch

@@ -64,6 +64,7 @@ def judged(planner: Planner, trajectory: Trajectory) -> Verdict:
     return judge_motion(planner.problem, trajectory, transcription=transcription)
 
 
+@pytest.mark.sampled
 def test_optima_of_every_solver_are_accepted(plan: Plan) -> None:
     assert plan.status is OcpStatus.SOLVED, plan.reason
     assert plan.verdict is not None
@@ -120,6 +121,7 @@ def test_a_goal_that_is_missed_is_told_with_by_how_much(plan: Plan, planner: Pla
     assert verdict.missed == 0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("beyond", [-1e-3, 1e-3])
 def test_a_range_that_is_left_between_nodes_alone_is_broken(
     plan: Plan, planner: Planner, beyond: float
@@ -186,6 +188,7 @@ def test_gradients_are_those_of_differences(plan: Plan, planner: Planner) -> Non
     assert gradient @ way == pytest.approx((ahead - back) / (2.0 * step), rel=1e-5)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("n_steps", [(10, 10), (20, 20), (5, 40)])
 def test_the_residual_of_a_motion_does_not_depend_on_its_steps(
     arm: Robot, n_steps: tuple[int, int]

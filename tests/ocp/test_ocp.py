@@ -32,6 +32,7 @@ from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.tasks.vehicle_velocity import NullVelocity, UnderActuation
 
 
+@pytest.mark.sampled
 def test_the_tool_reaches_its_goal_within_all_limits(
     robot: Robot, planner_of_each: Planner
 ) -> None:
@@ -50,6 +51,7 @@ def test_the_tool_reaches_its_goal_within_all_limits(
     np.testing.assert_allclose(np.linalg.norm(trajectory.q[:, 3:7], axis=1), 1.0, atol=1e-12)
 
 
+@pytest.mark.sampled
 def test_a_warm_solve_of_the_same_problem_needs_no_iterations(planner_of_each: Planner) -> None:
     first = planner_of_each.plan()
     again = planner_of_each.plan(guess=first)
@@ -88,6 +90,7 @@ def copied(qp: StageQp) -> StageQp:
     return other
 
 
+@pytest.mark.sampled
 def test_a_guess_through_configurations_leads_to_the_same_plan(
     robot: Robot, planner_of_each: Planner
 ) -> None:
@@ -97,6 +100,7 @@ def test_a_guess_through_configurations_leads_to_the_same_plan(
     assert again.levels[1].residual == pytest.approx(first.levels[1].residual, rel=1e-4)
 
 
+@pytest.mark.sampled
 def test_a_plan_is_carried_out_to_millimetres(robot: Robot, plugin: str) -> None:
     plan = patient(reach(robot, n_steps=40), plugin).plan()
     environment = Environment(seafloor=FlatSeafloor(z=-40))

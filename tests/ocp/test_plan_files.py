@@ -65,6 +65,7 @@ def assert_same(one: Any, other: Any) -> None:
         assert one == other
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_plan_comes_back_exactly(
     plan: Plan, planner: Planner, suffix: str, tmp_path: Path

@@ -103,6 +103,7 @@ def test_a_level_that_is_solved_is_stationary_by_the_derivatives_of_the_sparse_p
     assert stationarity(transcription, plan, level) < 1e-4
 
 
+@pytest.mark.sampled
 def test_no_level_rises_by_more_than_the_tolerance_where_levels_are_added_below(
     plugin: str,
 ) -> None:

@@ -131,6 +131,7 @@ def assert_nothing_is_cheaper(planner: Planner, plan: Plan) -> None:
     assert after >= (1 - GAIN) * before
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("from_hold", [False, True])
 @pytest.mark.parametrize(
     ("seed", "n_steps"), [(8805, 12), (8805, 16), (8805, 24), (8809, 40), (8817, 12)]
@@ -165,6 +166,7 @@ def without_quadratic_drag(robot: Robot) -> Robot:
     return replace(robot, hydrodynamics=tuple(links))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("duration", "small"), [(8.0, 1e-6), (60.0, 1e-4)])
 def test_a_cost_in_other_units_has_the_same_minimum(duration: float, small: float) -> None:
     """Neither damping nor a tolerance may be in units in which costs are usually about 1."""
@@ -196,6 +198,7 @@ def damped(request: pytest.FixtureRequest) -> OcpProblem:
     return straight_way(*request.param)
 
 
+@pytest.mark.sampled
 def test_damping_never_outweighs_the_largest_curvature(
     damped: OcpProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,6 +225,7 @@ def largest_curvature(level: StageLevelQp) -> float:
     return max(float((J**2).sum(axis=0).max(initial=0.0)) for J in level.qp.J)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", [8805, 8809, 8817])
 @pytest.mark.parametrize("n_steps", [12, 24])
 def test_the_conditions_of_optimality_hold_at_a_solved_plan_without_damping(

@@ -183,6 +183,7 @@ def test_functions_of_terms_have_no_dynamics_in_them(monkeypatch: pytest.MonkeyP
     assert of_terms < sum(len(found[name]) for name in ROBOT)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "limited", [True, False], ids=["forces are variables", "forces are expressions"]
 )
@@ -224,6 +225,7 @@ MAKERS = (
 """Files that decide what machine code a function becomes."""
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("module", MAKERS, ids=lambda file: Path(file).stem)
 def test_another_text_of_the_code_that_makes_functions_makes_them_anew(
     module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

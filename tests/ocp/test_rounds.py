@@ -39,6 +39,7 @@ def test_a_reach_that_is_in_the_way_of_rows_that_agree_grows() -> None:
     assert not bound.after(off=0.0, moved=0.7).was_reached
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("plugin", ["ipopt", "stagewise"])
 def test_joints_go_no_farther_than_the_reach(robot: Robot, plugin: str) -> None:
     planner = patient(reach(robot), plugin)
@@ -55,6 +56,7 @@ def test_joints_go_no_farther_than_the_reach(robot: Robot, plugin: str) -> None:
     assert moved((hold.q, 0.05)) == pytest.approx(0.05, abs=1e-4)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("ended", "n_solves"), [(NlpStatus.INFEASIBLE, 2), (NlpStatus.INTERRUPTED, 1)]
 )
@@ -90,6 +92,7 @@ def test_a_round_in_vain_is_solved_again_without_its_reach_unless_it_was_stopped
     assert np.isinf(reach_after.radius) == (n_solves == 2)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("lacks", "costs", "latest"),
     [

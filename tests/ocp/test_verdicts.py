@@ -54,6 +54,7 @@ def test_a_horizon_that_is_too_short_says_how_long_it_should_be(
     assert "would do" in plan.reason
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("weight", [1.0, 1e-8])
 def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable_whatever_its_weight(
     weight: float, plugin: str
@@ -132,6 +133,7 @@ def test_a_joint_that_runs_into_its_stop_is_proven_impossible(
     assert "first step" in plan.reason
 
 
+@pytest.mark.sampled
 def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(
     planner_of_each: Planner, robot: Robot
 ) -> None:

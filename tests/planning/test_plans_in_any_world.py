@@ -84,6 +84,7 @@ def curve(robot: Robot, X_NW: pin.SE3, goal: Goal) -> tuple[np.ndarray, np.ndarr
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("goal", [posture, tool])
 def test_a_curve_is_the_same_in_any_world(goal: Callable[[pin.SE3], Goal]) -> None:
     robot = uo.load_robot("bluerov2_alpha5")
@@ -208,6 +209,7 @@ HEADINGS = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["bluerov2_alpha5", "girona_maris7_full"])
 @pytest.mark.parametrize(("first", "last"), HEADINGS)
 def test_limits_of_axes_are_recorded_and_drawn_where_they_hold(

@@ -89,6 +89,7 @@ def test_links_keep_a_clearance_of_their_own(robot: Robot) -> None:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("other", [None, 0.06, 0.02, 3.0])
 def test_each_clearance_that_was_wanted_is_recorded_and_drawn(
     robot: Robot, other: float | None

@@ -215,6 +215,7 @@ def test_channels_say_what_their_columns_are(record: Record, tmp_path: Path) -> 
     assert told["q"]["units"].split("\n")[2:5] == ["m", "-", "-"]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("plan", PLANS, ids=("curve", "ocp"))
 def test_plans_come_back_as_they_were(plan: Record, tmp_path: Path) -> None:
     comes_back(plan, tmp_path)

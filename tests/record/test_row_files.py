@@ -113,6 +113,7 @@ def _tiny() -> Scenario:
     return scenario_of(robot_of(TINY["one wet link"]), "kinematic", duration=4.0)
 
 
+@pytest.mark.sampled
 @pytest.mark.skipif(sys.platform == "win32", reason="processes are not copied")
 @pytest.mark.parametrize("seconds", [0.45, 2.9])
 def test_a_run_that_is_killed_leaves_all_but_its_last_seconds(

@@ -73,6 +73,7 @@ def watched(amplitude: float, period: float, *, phases: int = 1) -> list[tuple[f
     return swings
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("period", [1.5, 3.0])
 def test_a_swing_is_told_of_once_a_phase_within_four_of_its_periods(period: float) -> None:
     swings = watched(0.1, period, phases=2)

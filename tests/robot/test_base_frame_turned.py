@@ -51,6 +51,7 @@ def turned(name: str, quarters: int) -> Robot:
     return load_edited(tree, data)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("quarters", QUARTERS)
 @pytest.mark.parametrize("name", VEHICLES)
 def test_kinematics_and_dynamics_are_the_same(name: str, quarters: int) -> None:

@@ -112,6 +112,7 @@ def pair(
 Pair = tuple[Robot, Robot, np.ndarray, np.ndarray, np.ndarray]
 
 
+@pytest.mark.sampled
 def test_dynamics_in_water_are_those_of_free_joints_along_the_coupling(pair: Pair) -> None:
     coupled, free, q, q_free, G = pair
     rng = np.random.default_rng(2)
@@ -194,6 +195,7 @@ def test_the_first_joint_has_the_limits_of_the_leader_and_the_friction_of_all(pa
     assert_allclose(coupled.model.damping[k], 2.0 * (G[6:, k] ** 2).sum())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("lead", ["alpha", "zeta"])
 def test_numbers_by_joint_name_are_those_of_free_joints_along_the_coupling(
     lead: str, tmp_path: Path

@@ -99,6 +99,7 @@ def redescribed(name: str) -> Redescribed:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ROBOTS)
 def test_kinematics_and_dynamics_are_the_same(name: str) -> None:
     pair = redescribed(name)

@@ -199,6 +199,7 @@ def scenario(described: Described, seed: int) -> Scenario:
     return scenario_of(described.robot, described.mission, drawn_conditions(seed))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", DESCRIPTIONS)
 @pytest.mark.parametrize("seed", [*BARE, *WITH_ARMS])
 def test_what_thrusters_do_is_the_same(seed: int, name: str, tmp_path: Path) -> None:
@@ -217,6 +218,7 @@ def test_what_thrusters_do_is_the_same(seed: int, name: str, tmp_path: Path) -> 
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", DESCRIPTIONS)
 @pytest.mark.parametrize(
     "seed",

@@ -39,6 +39,7 @@ def silently_wrong(mechanism: DrawnMechanism, folder: Path) -> set[str]:
     return silent
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(60))
 def test_roles_of_drawn_mechanisms_are_right_or_asked(seed: int, tmp_path: Path) -> None:
     mechanism = drawn_mechanism(seed)

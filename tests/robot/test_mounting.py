@@ -61,6 +61,7 @@ def total_mass(robot: Robot) -> float:
     return float(sum(inertia.mass for inertia in robot.model.inertias))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("vehicle", "arm"), PAIRS)
 def test_a_mounted_arm_moves_as_it_did_alone(vehicle: str, arm: str) -> None:
     robot = mounted(vehicle, arm)

@@ -118,6 +118,7 @@ def without_drag(dynamics: Dynamics) -> Dynamics:
     return Dynamics(replace(dynamics.symbolic, links=tuple(links)))
 
 
+@pytest.mark.sampled
 def test_a_machine_that_sinks_through_steady_layers_feels_their_drag_and_no_other_force(
     floating: Dynamics,
 ) -> None:
@@ -183,6 +184,7 @@ def weight_power(dynamics: Dynamics, s: Motion) -> float:
     return float(pin.computeTotalMass(model) * model.gravity.linear @ data.vcom[0])
 
 
+@pytest.mark.sampled
 def test_kinetic_energy_of_the_bodies_changes_by_the_power_of_efforts_weight_and_each_wrench_of_the_water(
     dynamics: Dynamics,
 ) -> None:

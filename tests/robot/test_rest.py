@@ -35,6 +35,7 @@ def moments(robot: Robot, roll: float, pitch: float, joints: np.ndarray) -> np.n
 ROBOTS = {"roll": "girona_maris7", "roll and pitch": "girona_maris7_full"}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("free", ROBOTS)
 def test_a_vehicle_comes_to_rest_where_weight_and_buoyancy_no_longer_turn_it(free: str) -> None:
     robot = without_trim(load_robot(ROBOTS[free]))

@@ -212,6 +212,7 @@ def test_a_configuration_of_wrong_shape_or_type_is_refused(girona: Robot) -> Non
         load_robot("planar5").configuration(position=np.zeros(3))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", EXAMPLE_ARMS)
 def test_an_arm_of_example_robot_data_loads_with_a_fixed_base(name: str) -> None:
     path, n_q, n_v = EXAMPLE_ARMS[name]

@@ -11,6 +11,7 @@ from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["bluerov2_alpha5", "girona_maris7_full", "torpedo_auv"])
 def test_weight_in_any_attitude_and_any_one_thruster_accelerate_no_axis_more(name: str) -> None:
     robot = load_robot(name)

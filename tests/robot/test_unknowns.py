@@ -61,6 +61,7 @@ def test_the_robots_of_the_package_leave_nothing_open(
     assert not {f.subject for f in check_robot(robot).findings} & {"water", "energy"}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name", [name for name in WET if len(load_robot(name).description.links) > 1]
 )

@@ -266,6 +266,7 @@ def _assert_same(root: ElementTree.Element, models: UrdfModels) -> None:
         assert models.model.upperEffortLimit[at] == float(limit.get("effort"))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", list_robots())
 def test_a_perturbed_number_loads_with_its_value_or_is_refused(name: str, tmp_path: Path) -> None:
     source = ElementTree.parse(robot_folder(name) / "robot.urdf").getroot()

@@ -51,6 +51,7 @@ def test_a_misspelt_element_is_refused_with_the_one_that_was_meant(name: str) ->
             )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", list_robots())
 def test_a_misspelt_attribute_is_refused(name: str) -> None:
     whole = ElementTree.parse(robot_folder(name) / "robot.urdf").getroot()

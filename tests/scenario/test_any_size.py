@@ -58,6 +58,7 @@ def judgement(scenario: Scenario) -> list[tuple[str, str, str]]:
     ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("mass", MASSES.values(), ids=MASSES)
 @pytest.mark.parametrize("name", list_robots())
 def test_forces_of_a_scaled_robot_are_those_of_the_robot(name: str, mass: float) -> None:
@@ -93,6 +94,7 @@ def test_a_scaled_robot_is_found_as_good_as_the_robot(name: str, mass: float) ->
     assert scaled == as_is
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("mass", MASSES.values(), ids=MASSES)
 @pytest.mark.parametrize("situation", SITUATIONS)

@@ -32,6 +32,7 @@ CLASS = "bluerov2_alpha5"
 LEANS = "bluerov2_six_alpha5"
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", [name for name in ARMED if name != LEANS])
 def test_every_arm_reaches_the_target_of_case_1(name: str) -> None:
     (finding,) = case1(robot=name).check().of_check("reachability")
@@ -106,6 +107,7 @@ def test_case_1_asks_an_arm_of_few_joints_for_no_orientation_and_a_pose_is_refus
     assert finding.text.endswith("ask for that, by ToolPosition, or use an arm of more joints")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["bluerov2", "torpedo_auv"])
 def test_a_vehicle_without_arm_is_refused_what_needs_one_and_swims_past_obstacles(
     name: str,
@@ -194,6 +196,7 @@ def test_a_torpedo_is_refused_a_goal_beside_it_that_it_does_not_turn_to() -> Non
     assert "2.00 m beside where the vehicle is then, and no thruster drives sway" in finding.text
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ["both", "first"])
 def test_a_summary_has_the_errors_of_every_tool_by_its_name(kind: str) -> None:
     run = run_options(

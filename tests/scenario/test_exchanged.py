@@ -48,6 +48,7 @@ def hovering(robot: uo.Robot, order: tuple[str, ...], solver: str) -> uo.Scenari
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_tasks_that_share_no_axis_command_the_same_in_either_order(
     robot: uo.Robot, solver: str

@@ -82,6 +82,7 @@ def test_a_joint_without_range_is_held_and_named() -> None:
     np.testing.assert_allclose(record["q"][:, -1], 0.0, atol=1e-12)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("depth", "refused"), [(5.0, False), (6.0, True)])
 def test_a_vehicle_that_nothing_drives_up_or_down_is_refused_a_goal_at_another_depth(
     depth: float, refused: bool
@@ -95,6 +96,7 @@ def test_a_vehicle_that_nothing_drives_up_or_down_is_refused_a_goal_at_another_d
 LEVEL = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for y in (0.2, -0.2))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("thrusters", "said"),
     [

@@ -33,6 +33,7 @@ def flown_alike(pair: Pair, allowed: float, **options: Any) -> None:
     assert np.abs(places(pair.odd, odd["q"][:n]) - places(pair.twin, twin["q"][:n])).max() < allowed
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ODD)
 def test_pre_flight_finds_the_same_of_both(kind: str) -> None:
     pair = pair_of(kind)

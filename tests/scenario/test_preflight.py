@@ -52,6 +52,7 @@ def refused() -> PreflightReport:
     return case1_unreachable(plant="kinematic").check()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
 def test_case_1_is_accepted_without_a_warning(plant: str) -> None:
     report = case1(plant=plant).check()
@@ -134,6 +135,7 @@ def independent_optimum(scenario: Scenario, X_WB: pin.SE3, target: np.ndarray) -
     return float(error(min(polished, key=cost))[0])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("start_x", "severity", "completes"),
     [(8.5, Severity.ERROR, False), (13.5, Severity.WARNING, True)],
@@ -269,6 +271,7 @@ def test_a_current_on_the_plant_without_water_is_a_warning() -> None:
     assert "ignores the current of 0.2 m/s" in texts(report, Severity.WARNING)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("x", "place"), [(0.3, "the start"), (11.2, "the place where the vehicle is likeliest to stop")]
 )
@@ -365,6 +368,7 @@ def late(**delays: float) -> Scenario:
     return replace(case1(), sensors=replace(SensorSpecs(), **specs))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("delays", "severity"),
     [

@@ -101,6 +101,7 @@ def require_the_same_by_hand(record: Record, scenario: Scenario) -> None:
         )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("fault", FAULTS)
 def test_over_the_record_of_a_run_it_is_that_of_the_run(fault: str) -> None:
     scenario = mission(faults=fault)
@@ -168,6 +169,7 @@ def test_channels_of_others_are_estimated_from_what_they_read(sound: Record) -> 
     assert (error <= 5.0 * estimate["q_std"][late, :3]).all(), error.max(axis=0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["attitude", "angular_velocity"])
 def test_a_channel_of_others_that_is_slower_than_the_robot_s_is_not_silent(
     name: str, sound: Record
@@ -241,6 +243,7 @@ def drawn_log(
     return Recording(name="dive", channels=channels), position
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_innovations_of_a_log_are_as_expected_whatever_its_sensors(seed: int, rate: float) -> None:
@@ -263,6 +266,7 @@ def test_innovations_of_a_log_are_as_expected_whatever_its_sensors(seed: int, ra
     assert np.sqrt(np.mean(normalised**2)) < 2.5
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "slow",
     [{"attitude": 0.01}, {"position": 0.2}, {"linear_velocity": 0.03}, {"angular_velocity": 0.02}],

@@ -155,6 +155,7 @@ def test_the_heaviest_load_is_held_in_a_current(current: tuple[float, float, flo
     assert last_errors.max() < 0.005
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("robot", ["bluerov2", "bluerov2_six_alpha5"])
 def test_the_shipped_vehicles_that_do_not_pitch_reach(robot: str) -> None:
     record = uo.scenario.reach(robot=robot).run()
@@ -167,6 +168,7 @@ def _mounted_inexactly(thruster: Thruster, rng: np.random.Generator) -> Thruster
     return Thruster.model_validate(dict(thruster) | {"position": position.tolist()})
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("density", [998.0, 1025.0])
 @pytest.mark.parametrize("seed", range(6))
 def test_a_millimetre_at_the_thrusters_takes_no_more_thrust(seed: int, density: float) -> None:

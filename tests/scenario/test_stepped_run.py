@@ -33,6 +33,7 @@ def _require_same(stepped: Record, run: Record) -> None:
     )
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize(
     "options",

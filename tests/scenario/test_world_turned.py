@@ -73,6 +73,7 @@ def case1(X_NW: pin.SE3) -> uo.Scenario:
 SCENARIOS: Sequence[Callable[[pin.SE3], uo.Scenario]] = (reach, case1)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("made", SCENARIOS)
 def test_pre_flight_finds_the_same_in_any_world(made: Callable[[pin.SE3], uo.Scenario]) -> None:
     expected_findings, *turned_findings = (

@@ -92,6 +92,7 @@ def rows_of(plant: DynamicPlant, robot: Robot, ticks: int, dt: float = DT) -> np
     return np.array(rows)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 @pytest.mark.parametrize("name", ["girona_maris7_full", "bluerov2_alpha5", "planar5"])
 def test_a_period_is_its_steps_one_by_one(name: str, compiled: bool) -> None:
@@ -219,6 +220,7 @@ WRONG: dict[str, Callable[[Command], dict[str, np.ndarray]]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", WRONG)
 def test_efforts_that_are_none_are_refused(case: str, robot: Robot) -> None:
     plant = plant_of(robot)

@@ -126,6 +126,7 @@ def test_unforced_energy_rises_by_the_error_of_the_step_alone(robot: Robot) -> N
     assert fine < 0.05
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("step", [0.02, 0.2])
 def test_a_coarse_step_cannot_explode(step: float, robot: Robot) -> None:
     rng = np.random.default_rng(0)
@@ -139,6 +140,7 @@ def test_a_coarse_step_cannot_explode(step: float, robot: Robot) -> None:
         assert energy(dynamics, plant) < before
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", [name for name in list_robots() if load_robot(name).n_vehicle])
 def test_a_trimmed_robot_with_held_joints_stays(name: str) -> None:
     robot = load_robot(name)
@@ -218,6 +220,7 @@ def test_a_sphere_without_drag_accelerates_as_the_water_where_it_is() -> None:
     np.testing.assert_allclose(np.r_[plant.state.q[:3], plant.state.v[:3]], exact, atol=5e-4)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("speed", [0.0, 0.2])
 def test_shear_along_and_across_the_flow_pushes_a_sphere_as_in_closed_form(speed: float) -> None:
     """Water with u_x = s h and u_z = k h at height h: ``h'' = k^2 h`` along the flow, ``x'' = s k

@@ -77,6 +77,7 @@ def tilts(q: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip(axes @ axes[0], -1.0, 1.0))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("axis", [2, 3, 4])
 def test_the_first_command_carries_weight_and_buoyancy(axis: int) -> None:
     robot = out_of_trim(load_robot("bluerov2_alpha5"), axis, 0.3)
@@ -143,6 +144,7 @@ def test_a_thruster_that_pushes_with_all_its_force_makes_no_sensor_suspect() -> 
     assert names.isdisjoint({"attitude", "angular_velocity", "position", "linear_velocity"})
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize(
     ("axis", "share", "position", "gyro", "dt", "seed"),
@@ -188,6 +190,7 @@ def drawn_reach(seed: int) -> Scenario:
     )
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize(
     "seed",

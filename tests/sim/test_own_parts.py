@@ -82,6 +82,7 @@ def test_the_toolkits_own_part_as_somebody_elses_gives_the_same_record(
     assert list(same(study.run(), ours.run())) == []
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("noise", [False, True])
 def test_the_toolkits_sensors_as_somebody_elses_give_the_same_record(noise: bool) -> None:

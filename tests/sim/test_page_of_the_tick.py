@@ -38,6 +38,7 @@ def test_a_law_of_the_tick_stands_once_where_the_page_says(name: str, file: str)
     assert len(re.findall(rf"^ *def {name}\(", text, re.M)) == 1
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", [row[0] for row in LAWS if row[0] != "sources"])
 def test_no_other_function_has_the_name_of_a_law(name: str) -> None:
     found = [path for path, text in SOURCES.items() if re.search(rf"\bdef {name}\(", text)]

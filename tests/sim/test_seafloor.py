@@ -47,6 +47,7 @@ def test_a_ray_ends_on_the_floor(floor):
             assert z == pytest.approx(floor.height(x, y), abs=1e-6)
 
 
+@pytest.mark.sampled
 def test_a_ray_meets_no_floor_before_its_end(floor):
     for origin, direction in random_rays(50, seed=1):
         if origin[2] > floor.height(*origin[:2]):

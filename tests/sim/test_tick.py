@@ -122,6 +122,7 @@ def _require_same(actual: Record, expected: Record) -> None:
     assert told[0] == told[1]
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_rows_events_and_alarms_are_those_of_single_ticks(name: str) -> None:
@@ -129,6 +130,7 @@ def test_rows_events_and_alarms_are_those_of_single_ticks(name: str) -> None:
     _require_same(scenario.run(), _tick_by_tick(scenario))
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("asked", ASKED)
 @pytest.mark.parametrize("name", ["noise", "all sensors", "a sensor that fails", "kinematic"])
@@ -174,6 +176,7 @@ PARTLY_PYTHON: dict[str, Callable[[], Scenario]] = {
 """Scenarios in which Python takes part, at every tick or now and then."""
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("name", PARTLY_PYTHON)
 def test_python_that_takes_part_changes_no_row(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -216,6 +219,7 @@ def test_a_run_that_diverges_ends_as_tick_by_tick(caplog: pytest.LogCaptureFixtu
     assert messages == [record.getMessage() for record in caplog.records]
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("asked", [None, "controller"])
 def test_ctrl_c_leaves_the_rows_so_far(asked: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -300,6 +304,7 @@ def _supervised() -> Scenario:
     return replace(scenario, controller=telling)
 
 
+@pytest.mark.slow
 def test_commands_of_a_supervised_controller_tell_the_mission_and_its_end() -> None:
     """To who looks on, such as a page that shows the phase, and to who steps by hand."""
     scenario = _supervised()

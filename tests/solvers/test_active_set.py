@@ -46,6 +46,7 @@ def test_levels_reach_the_reference(seed: int) -> None:
     np.testing.assert_allclose(solution.level_residuals, optimum, atol=1e-7)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("n", "sizes"), STRUCTURES)
 def test_dependent_and_conflicting_rows_are_solved_exactly(n: int, sizes: tuple[int, ...]) -> None:
     for seed in range(100):
@@ -55,6 +56,7 @@ def test_dependent_and_conflicting_rows_are_solved_exactly(n: int, sizes: tuple[
         assert solution.certificate(levels) < 1e-9, seed
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("nearly", [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5])
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_nearly_dependent_rows_end_with_a_truthful_status(nearly: float, compiled: bool) -> None:
@@ -129,6 +131,7 @@ def test_numpy_and_c_give_the_same(n: int, sizes: tuple[int, ...]) -> None:
             np.testing.assert_allclose(ours.v, theirs.v, atol=1e-8)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 def test_a_warm_tick_follows_slow_changes_exactly(solver: LexicographicActiveSet) -> None:
     rng = np.random.default_rng(0)
@@ -147,6 +150,7 @@ def test_a_warm_tick_follows_slow_changes_exactly(solver: LexicographicActiveSet
         assert certificate(active_sets, result.v) < 1e-9
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 def test_a_tick_that_reads_its_inputs_where_they_are_gives_what_a_call_gives(
     solver: LexicographicActiveSet,
@@ -264,6 +268,7 @@ def test_the_core_in_c_has_the_tolerances_and_the_patience_of_python() -> None:
         assert float(defined) == value
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY, LexicographicQp()]
 )

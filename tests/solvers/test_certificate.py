@@ -185,6 +185,7 @@ def test_a_first_level_that_contradicts_its_own_box_is_no_optimum_because_the_bo
         )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("normal", [_in_python, pytest.param(_in_c, marks=needs_compiler)])
 def test_an_optimum_has_a_small_certificate(
     normal: Callable[[list[Level], np.ndarray], float],
@@ -274,6 +275,7 @@ def test_without_a_box_no_loss_is_larger_than_the_certificate(seed: int) -> None
         assert certificate(levels, v) >= (np.linalg.norm(B @ v - b) - smallest) * (1 - 1e-9)
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("nearly", [0.0, 1e-3])
 def test_c_and_numpy_find_the_same_bound(nearly: float) -> None:

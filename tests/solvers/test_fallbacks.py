@@ -218,6 +218,7 @@ def test_in_numpy_nearly_all_of_it_is_solved_too() -> None:
     assert np.mean(exact) > 0.9
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 def test_no_level_is_worse_for_those_below_it(solver: LexicographicActiveSet) -> None:
     """Also where rows are so nearly dependent that nothing is certified: the first level that
@@ -255,6 +256,7 @@ def _adversaries() -> list[list[Level]]:
     return hierarchies
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("certified", ["1e-07", "-1"])
 def test_no_call_takes_more_iterations_than_are_stated(certified: str) -> None:

@@ -144,6 +144,7 @@ def test_the_smallest_gates_leave_numbers_also_of_rows_of_zeros(gate: float) -> 
     assert up[1] > 1e4
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", STRICT)
 def test_a_gate_that_closes_leads_to_the_problem_without_its_rows_and_one_that_opens_to_that_with_them(
     solver: Strict,

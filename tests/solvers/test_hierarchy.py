@@ -70,6 +70,7 @@ def test_a_level_without_rows_changes_nothing_below_it(solver: AnySolver) -> Non
     assert among.status is alone.status
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "block", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 8))]
 )
@@ -85,6 +86,7 @@ def test_lexicographic_qp_reaches_the_reference_on_random_hierarchies(block: int
         )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(20))
 def test_icat_and_lexicographic_qp_agree_on_well_conditioned_equalities(seed: int) -> None:
     levels = _equalities(seed)
@@ -111,6 +113,7 @@ def test_a_last_level_of_zero_velocity_gives_the_shortest_velocity() -> None:
         np.testing.assert_allclose(solver.solve(levels).v, np.linalg.pinv(J) @ b, atol=1e-5)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(
     solver: Icat | LexicographicQp | Daqp,
@@ -124,6 +127,7 @@ def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(
     np.testing.assert_array_equal(result.extras[0], _arguments(levels)[1] + 1)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("wrong", range(6))
 def test_nan_in_a_tick_gives_zero_velocity_and_says_so(
@@ -225,6 +229,7 @@ def test_a_gate_removes_a_row_continuously() -> None:
     assert (np.diff(path) >= -1e-9).all()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("plugin", conic_plugins())
 def test_whatever_the_plugin_results_are_those_of_the_active_set(plugin: str) -> None:
     """Before, most of daqp, all of 60 variables, and two thirds of dependent rows were inexact."""
@@ -306,6 +311,7 @@ def test_settings_out_of_range_are_refused() -> None:
         Icat(threshold=-1.0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("plugin", ["daqp", "highs", "ipqp", "osqp", "qpoases", "qrqp"])
 def test_solvers_print_nothing(plugin: str, capfd: pytest.CaptureFixture[str]) -> None:
     solver = LexicographicQp(plugin=plugin)
@@ -332,6 +338,7 @@ class _Misled:
         return (v, status, *extras) if self.calls > self.cured else (0.9 * v, np.ones(1), *extras)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("cured", "certified", "status"),
     [(1, True, Status.SOLVED), (99, True, Status.SOLVED), (99, False, Status.INEXACT)],
@@ -389,6 +396,7 @@ def _with_row(level: Level, row: np.ndarray, value: float) -> Level:
 _ROWS = ("lower", "upper", "rate", "activation", "gate")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", OWN)
 @pytest.mark.parametrize("value", [0.0, 0.7])
 def test_a_row_that_nothing_moves_changes_nothing(solver: AnySolver, value: float) -> None:

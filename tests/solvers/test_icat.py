@@ -94,6 +94,7 @@ STRUCTURES = [
 ]
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("structure", STRUCTURES, ids=[f"n={n}" for n, _ in STRUCTURES])
 @pytest.mark.parametrize("solver", [Icat(), SHARP], ids=["usual", "sharp"])

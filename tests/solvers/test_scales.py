@@ -42,6 +42,7 @@ def _is_right(solution: Solution, levels: list[Level], of_bounds: list[float]) -
     return bool(np.isfinite(solution.v).all() and np.abs(relative - optimum).max() < 1e-6)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_scaled_hierarchy_is_solved_or_the_status_says_that_it_is_not(
@@ -57,6 +58,7 @@ def test_a_scaled_hierarchy_is_solved_or_the_status_says_that_it_is_not(
         assert not solution.status.exact or _is_right(solution, levels, of_bounds), power
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", ACTIVE_SETS)
 @pytest.mark.parametrize(
     ("kind", "largest"), [("rows", 14), ("velocities", 299), ("Jacobians", 14)]
@@ -76,6 +78,7 @@ def test_the_active_set_is_exact_at_every_scale(
         assert _is_right(solution, levels, of_bounds), power
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("solver", ACTIVE_SETS)
 def test_every_level_may_have_its_own_unit(solver: LexicographicActiveSet) -> None:
     for seed in range(10):
@@ -142,6 +145,7 @@ def test_an_overflow_in_the_regularised_solver_is_invalid_and_no_velocity(size: 
     np.testing.assert_array_equal(result.v, np.zeros(3))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "solver", [LexicographicQp(), LexicographicQp(tolerance=1e-3), Daqp(), Daqp(tolerance=1e-3)]
 )

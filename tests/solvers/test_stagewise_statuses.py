@@ -131,6 +131,7 @@ def relative_failure(qp: StageQp, solution: StageQpSolution) -> float:
     return kkt_failure(qp, solution) / (1.0 + np.abs(dense(qp)[0] @ z).max() + max(terms))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_what_rows_are_missed_by_is_that_of_the_point(compiled: bool) -> None:
     """Also of QPs that were looked at again with their residuals as rows."""
@@ -148,6 +149,7 @@ def test_what_rows_are_missed_by_is_that_of_the_point(compiled: bool) -> None:
             )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_status_is_what_linear_programs_say(compiled: bool) -> None:
     options = StageQpOptions(compiled=compiled)

@@ -40,6 +40,7 @@ def moved(task: Task, X_NW: pin.SE3) -> Task:
     )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("world", WORLDS)
 @pytest.mark.parametrize("name", REGISTRY)
 def test_a_task_measures_and_asks_the_same_in_any_world(

@@ -37,6 +37,7 @@ def _quantity(robot: Robot, task: Task, name: str, q: np.ndarray) -> float:
     return float(evaluate(robot, task, q)[name].item())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("angles", [(0.3, -0.4, 2.0), (-3.1, 0.9, 3.1), (1.5, 0.2, -1.6)])
 def test_rows_equal_differences_on_the_manifold(robot: Robot, angles: tuple[float, ...]) -> None:
     q = robot.configuration(position=(0.1, 0.2, -3.0), rpy=(0.1, -0.2, 0.4), joints=angles)

@@ -19,6 +19,7 @@ from uvms_ocp.tasks import Hierarchy, Rows, Task, TaskClass, determined_by_goal,
 from uvms_ocp.tasks.task import TickSymbols
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name", [name for name in REGISTRY if levels.numbers_of(REGISTRY[name].task)]
 )

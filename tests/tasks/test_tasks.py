@@ -29,6 +29,7 @@ def robot() -> Robot:
     return load_robot("girona_maris7_full")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", REGISTRY)
 def test_jacobian_equals_finite_differences_at_random_states(name: str, robot: Robot) -> None:
     entry = REGISTRY[name]

@@ -145,6 +145,7 @@ def test_the_row_of_an_axis_that_nothing_turns_asks_for_nothing(robot: Robot) ->
     assert rows["tilt"].item() > 0.5
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("above", [(), ("AT",), ("HA", "AT")])
 def test_the_way_point_is_approached_at_any_pitch(above: tuple[str, ...], robot: Robot) -> None:
     """No command leads away from the goal of the highest task that translates, whatever angles

@@ -51,6 +51,7 @@ def missing(robot: Robot, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray) -> f
     return float(max(np.linalg.norm(error.linear), np.linalg.norm(error.angular)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("lies", [False, True])
 def test_a_goal_is_reached_by_the_posture_that_is_given_whatever_the_search_says(
     lies: bool, monkeypatch: pytest.MonkeyPatch
@@ -133,6 +134,7 @@ def test_a_robot_file_with_one_thing_wrong_is_not_called_ok_for_it(
     assert doubts(broken) > doubts(sound)
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("width", [0.0, 1e-3])
 def test_a_mission_with_an_arm_that_is_locked_is_refused(width: float, tmp_path: Path) -> None:

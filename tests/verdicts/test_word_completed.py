@@ -129,6 +129,7 @@ def test_the_command_says_what_the_report_says(tmp_path: Path) -> None:
     assert "ended too early" in wrong.stdout
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize(("faults", "succeeds"), [((), True), (BIAS, False)])
 def test_a_run_of_a_campaign_succeeds_where_its_record_says_so(

@@ -19,6 +19,7 @@ _COLUMNS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", _COLUMNS)
 def test_each_run_with_a_number_is_in_the_histogram(name: str) -> None:
     column = _COLUMNS[name]
@@ -29,6 +30,7 @@ def test_each_run_with_a_number_is_in_the_histogram(name: str) -> None:
     assert counted == np.count_nonzero(np.abs(column) <= 1e300)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("width", ["column", 3.5, "page", 7.2])
 def test_histograms_stand_below_each_other_where_the_figure_is_narrow(width: str | float) -> None:
     values = {f"m{i} [s]": np.arange(4.0) for i in range(4)}

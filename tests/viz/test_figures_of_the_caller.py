@@ -60,6 +60,7 @@ def test_every_figure_takes_a_figure_of_the_callers_and_a_width() -> None:
         assert {key: parameters[key].default for key in OPTIONAL} == OPTIONAL, name
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("look", STYLES)
 def test_every_text_can_be_read_on_the_callers_paper(record: Record, look: str) -> None:
     with context(look):
@@ -77,6 +78,7 @@ def test_every_text_of_our_own_figures_can_be_read(record: Record) -> None:
     assert [word for figure in viz.plot(record) for word in _faint(figure)] == []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["joints", "path", "tracking", "health"])
 def test_nothing_of_a_column_leaves_the_sheet(record: Record, name: str) -> None:
     figure = FIGURES[name](record, width="column")
@@ -88,6 +90,7 @@ def test_nothing_of_a_column_leaves_the_sheet(record: Record, name: str) -> None
     assert drawn.x1 < 3.55
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("width", ["page", "column"])
 @pytest.mark.parametrize(
     "name", ["efforts", "activations", "estimate", "altitude", "health", "velocities"]
@@ -177,6 +180,7 @@ def _layout(page: Figure) -> tuple[object, list[tuple[float, ...]]]:
     return page.get_layout_engine(), [axis.get_position().bounds for axis in page.axes]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("layout", [None, "none", "tight", "constrained"])
 def test_the_layout_of_the_callers_axes_stays_theirs(record: Record, layout: str | None) -> None:
     page = Figure(figsize=(7.0, 6.0), layout=layout)

@@ -119,6 +119,7 @@ def test_the_record_is_the_same_to_the_last_bit(
     require_same(watched, alone)
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("speed", [2.0, 4.0])
 def test_a_run_does_not_overtake_the_clock(scenario: Scenario, speed: float) -> None:

@@ -97,6 +97,7 @@ def test_what_is_kept_is_not_written_as_c_again(
     assert _stepped(load()) == _expected()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("change", OTHERS, ids=lambda change: next(iter(change)))
 def test_whatever_a_kernel_is_made_of_makes_another(
     load: Callable[..., ModuleType], change: dict[str, float]

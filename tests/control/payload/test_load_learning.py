@@ -170,6 +170,7 @@ LEARNERS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("options", LEARNERS.values(), ids=LEARNERS)
 def test_pre_flight_and_controller_agree_on_who_can_learn_a_load(options: dict[str, Any]) -> None:
     robot = options.get("robot", "bluerov2_alpha5")

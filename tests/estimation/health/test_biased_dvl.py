@@ -73,6 +73,7 @@ def test_fixes_follow_a_vehicle_without_a_dvl_that_accelerates_as_it_can(
     assert np.abs(run.v_estimated - run.v)[:, :3].max() < 1.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(2))
 def test_fixes_carry_the_velocity_of_a_robot_whose_dvl_is_biased_by_as_much_as_its_gate(
     seed: int,

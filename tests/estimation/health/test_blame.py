@@ -69,6 +69,7 @@ def test_a_drift_along_z_is_blamed_on_the_channel_that_drifts(
     assert np.abs(run.q_estimated - run.q)[:, :3].max() < 0.5
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(3))
 def test_spikes_of_the_dvl_lose_neither_depth_nor_fixes(seed: int, robot: Robot) -> None:
     """A depth that agreed with fixes was lost while the DVL spoke up."""
@@ -91,6 +92,7 @@ def test_spikes_of_the_dvl_lose_neither_depth_nor_fixes(seed: int, robot: Robot)
         assert not (run.of(name) == Trust.LOST).any()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("motion", ["sways", "rests"])
 @pytest.mark.parametrize(
     ("dt", "size", "share", "axis"),
@@ -139,6 +141,7 @@ STEPS = (
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("sways", [False, True])
 @pytest.mark.parametrize(("channel", "step"), STEPS)
 def test_what_was_wrong_for_five_seconds_is_trusted_again_and_so_is_all_else(
@@ -164,6 +167,7 @@ def test_what_was_wrong_for_five_seconds_is_trusted_again_and_so_is_all_else(
         assert run.last_bad(name) < end + 6.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("bias", "end"), [(0.1, 10.0), (0.5, 8.0), (2.0, 7.0)])
 def test_a_fault_of_the_gyro_that_is_over_blames_nobody_later(
     bias: float, end: float, robot: Robot
@@ -194,6 +198,7 @@ ATTITUDES = (  # [rad], [s], how the robot moves, axis, [s] of a tick
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("size", "lasts", "motion", "axis", "dt"), ATTITUDES)
 def test_attitudes_that_were_off_for_a_while_come_back_soon(
     size: float, lasts: float, motion: str, axis: int, dt: float, robot: Robot
@@ -215,6 +220,7 @@ def test_attitudes_that_were_off_for_a_while_come_back_soon(
     _check_attitude(robot, spoil, end, motion, dt)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("motion", ["sways", "rests"])
 @pytest.mark.parametrize(
     ("rate", "lasts"), [(0.02, 5.0), (0.02, 10.0), (0.05, 10.0), (0.2, 4.0), (0.01, 25.0)]
@@ -267,6 +273,7 @@ TURNS = (  # how a channel is off [rad, rad/s], and who is blamed for it
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("dt", [0.01, 0.05])
 @pytest.mark.parametrize("motion", ["sways", "rests"])
 @pytest.mark.parametrize(("channel", "kind", "size", "blamed"), TURNS)
@@ -302,6 +309,7 @@ def angle(a: np.ndarray, b: np.ndarray) -> float:
     return 2.0 * float(np.arccos(min(1.0, abs(a @ b))))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("motion", ["sways", "rests"])
 def test_encoders_that_drifted_for_a_while_blame_no_rates_later(motion: str, robot: Robot) -> None:
     """Sound rates were suspect from 10 s after the end of the drift on."""

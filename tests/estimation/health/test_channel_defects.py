@@ -71,6 +71,7 @@ def test_a_defect_leaves_the_estimate_finite_and_the_others_flowing(
     assert np.abs(run.v_estimated - run.v)[settled].max() < 0.2
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", STEPS)
 def test_one_value_that_is_no_number_is_named_and_forgotten(robot: Robot, name: str) -> None:
     run = HealthRun(
@@ -82,6 +83,7 @@ def test_one_value_that_is_no_number_is_named_and_forgotten(robot: Robot, name: 
     assert (run.of(name) != Trust.LOST).all()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_spikes_of_fifty_metres_leave_five_centimetres(robot: Robot, sign: float) -> None:
     run = HealthRun(

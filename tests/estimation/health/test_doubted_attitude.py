@@ -26,6 +26,7 @@ def _robot() -> Robot:
     return load_robot("girona_maris7")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("motion", ["sways", "rests"])
 @pytest.mark.parametrize(
     "rate", [(0.0, 0.03, 0.0), (0.02, -0.01, 0.02), (0.0, 0.0, 0.1), (-0.05, -0.165, -0.04)]

@@ -26,6 +26,7 @@ def _robot() -> Robot:
     return load_robot("girona_maris7")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("motion", ["sways", "rests"])
 @pytest.mark.parametrize("rate", [(0.03, 0.0, 0.0), (0.0571, 0.0, 0.0), (0.1, 0.2, 0.0)])
 def test_fixes_that_drifted_for_a_while_come_back_soon(
@@ -48,6 +49,7 @@ def test_fixes_that_drifted_for_a_while_come_back_soon(
     assert np.abs(run.q_estimated - run.q)[is_late, :3].max() < 0.15
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", [0, 1])
 def test_fixes_that_came_back_are_compared_on(seed: int, robot: Robot) -> None:
     """For 20 s after their end noise began comparisons anew, as if they came back again and again: a
@@ -79,6 +81,7 @@ SCALES = (  # channel, factor, how the robot moves, who is blamed
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("channel", "factor", "motion", "blamed"), SCALES)
 def test_what_reads_too_much_by_a_factor_is_blamed_alone_or_as_one_of_two(
     channel: str, factor: float, motion: str, blamed: set[str], robot: Robot

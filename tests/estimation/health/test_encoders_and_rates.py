@@ -42,6 +42,7 @@ def largest_joint_error(run: HealthRun, robot: Robot) -> float:
     return float(np.abs(run.q_estimated - run.q)[:, robot.joint_q].max())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("rates", RATES)
 @pytest.mark.parametrize(("dt", "by"), [(0.005, 0.3), (0.02, -0.3), (0.05, 0.5)])
 def test_a_jump_moves_no_estimate_where_rates_are_sound(

@@ -54,6 +54,7 @@ def _with(readings: Readings, value: float) -> Readings:
     return replace(readings, altimeter_range=replace(readings.altimeter_range, value=value))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("start", [2.0, 5.0])
 @pytest.mark.parametrize("defect", ["frozen", "stuck", "jump", "spikes", "noisy"])
 def test_an_altimeter_that_lies_never_shows_more_water_than_the_descent_leaves(
@@ -122,6 +123,7 @@ def test_a_floor_that_rises_at_once_is_believed_at_once(robot: Robot) -> None:
     assert run.of(NAME)[-1] == Trust.GOOD
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("climb", [0.15, -0.15])
 def test_a_floor_that_falls_at_once_is_believed_when_the_vehicle_has_moved_vertically(
     robot: Robot, climb: float
@@ -156,6 +158,7 @@ def test_a_fish_below_the_vehicle_is_forgotten(robot: Robot) -> None:
     assert run.of(NAME)[-1] == Trust.GOOD
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("relief", RELIEFS)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_rough_floors_raise_no_alarm(robot: Robot, relief: str, seed: int) -> None:

@@ -70,6 +70,7 @@ def _guarded(
 CASES = dict(zip(STEPS, ["jump", "bias", "late", "nan", "bias", "frozen", "jump"], strict=True))
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize(("channel", "defect"), CASES.items(), ids=CASES)
 def test_c_and_python_tell_the_same(robot: Robot, channel: str, defect: str) -> None:

@@ -70,6 +70,7 @@ def unexplained(run: HealthRun, channel: str) -> float:
     return float(run.guard.monitor.unexplained[at].max())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("first", ["step", "nan", "spike"])
 @pytest.mark.parametrize("dt", [0.005, 0.02])
 @pytest.mark.parametrize("channel", STEPS)
@@ -88,6 +89,7 @@ def test_a_step_is_told_and_in_the_bound(channel: str, dt: float, first: str, ro
     assert unexplained(run, channel) == pytest.approx(STEPS[channel], rel=0.1)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("channel", STEPS)
 def test_what_comes_back_where_it_was_is_no_step(channel: str, robot: Robot) -> None:
     """Spikes, and an outage of a second and a half."""

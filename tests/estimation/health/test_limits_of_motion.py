@@ -61,11 +61,13 @@ VEHICLE = slice(0, 6)
 JOINTS = slice(6, None)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("axes", [VEHICLE, JOINTS], ids=["vehicle", "joints"])
 def test_motion_at_the_limits_of_acceleration_is_believed(robot: Robot, axes: slice) -> None:
     assert HealthRun(robot, duration=8.0, motion=shuttling(robot, axes)).guard.monitor.alarms == []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("axes", [slice(i, i + 1) for i in range(6)] + [JOINTS], ids=str)
 def test_motion_at_the_limits_that_nobody_asked_for_is_believed(robot: Robot, axes: slice) -> None:
     """Of one axis of the vehicle at a time: no thrusters give all at once."""
@@ -73,6 +75,7 @@ def test_motion_at_the_limits_that_nobody_asked_for_is_believed(robot: Robot, ax
     assert run.guard.monitor.alarms == []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("axis", range(3))
 def test_what_weight_and_one_thruster_do_is_believed_of_a_robot_that_is_told_less(
     axis: int,
@@ -116,6 +119,7 @@ ALL_LATE = SensorSpecs(
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("axes", [slice(3, 4), slice(5, 6), JOINTS], ids=str)
 def test_motion_that_nobody_asked_for_is_believed_of_late_sensors_too(
     robot: Robot, axes: slice
@@ -126,12 +130,14 @@ def test_motion_that_nobody_asked_for_is_believed_of_late_sensors_too(
     assert run.guard.monitor.alarms == []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["attitude", "joint_positions"])
 def test_a_jump_of_a_late_sensor_is_found_at_once(robot: Robot, name: str) -> None:
     run = HealthRun(robot, duration=4.0, spoil=between(name, "jump", 2.0, 3.0), specs=ALL_LATE)
     assert run.first_bad(name, 2.0) < 0.1
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("axes", [VEHICLE, JOINTS], ids=["vehicle", "joints"])
 def test_commands_that_nobody_follows_make_no_sensor_suspect(robot: Robot, axes: slice) -> None:
     run = HealthRun(robot, duration=8.0, motion=rest(robot), requested=shuttling(robot, axes))
@@ -150,6 +156,7 @@ def test_joints_that_stop_at_once_make_no_encoder_suspect(robot: Robot, told: bo
     assert np.abs(run.v_estimated[-20:, JOINTS]).max() < 0.1
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("size", [0.05, 0.1, 0.2])
 def test_a_biased_gyro_is_named_and_the_attitude_neither_lost_nor_led_astray(
     robot: Robot, size: float
@@ -232,6 +239,7 @@ def test_encoders_are_believed_again_once_brakes_hold_the_arm(robot: Robot) -> N
     assert np.abs(measurement.q - q)[robot.joint_q].max() < 0.01
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("dt", "size"), [(1 / 20, 0.1), (1 / 50, 0.04), (1 / 200, 0.04)])
 def test_spikes_of_an_encoder_are_no_motion(robot: Robot, dt: float, size: float) -> None:
     """What is granted to a jolt does not grow with a slow tick: the joint was believed to turn at

@@ -50,6 +50,7 @@ def robot() -> Robot:
     return load_robot("girona_maris7")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "specs", [SensorSpecs(), LATE, LOSSY, ALL], ids=["usual", "late", "lossy", "all"]
 )
@@ -60,6 +61,7 @@ def test_a_swaying_robot_with_sound_sensors_raises_no_alarm(
     assert HealthRun(robot, duration=15.0, specs=specs, seed=seed).guard.monitor.alarms == []
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("moving", [False, True])
 def test_sound_readings_pass_as_they_are(robot: Robot, moving: bool) -> None:
     suite = SensorSuite(robot, FLOOR, seed=2)
@@ -79,6 +81,7 @@ def test_sound_readings_pass_as_they_are(robot: Robot, moving: bool) -> None:
     assert len(v) == robot.n_v
 
 
+@pytest.mark.sampled
 @long_without_compiler
 @pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
 def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(plant: str) -> None:

@@ -25,6 +25,7 @@ def _robot() -> Robot:
     return load_robot("girona_maris7")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("channel", "rate", "within", "sound_channels"),
     [
@@ -51,6 +52,7 @@ def test_a_slow_drift_is_found(
     assert run.last_bad(channel) > END - 0.1
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("sways", [False, True])
 @pytest.mark.parametrize(
     ("channel", "rate", "within"),
@@ -116,6 +118,7 @@ def test_sound_encoders_and_rates_are_believed(kind: str, sways: bool, robot: Ro
         assert not any("encoder and rate" in text for _, text in run.guard.monitor.alarms)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(2))
 def test_sound_sensors_of_a_robot_that_sways_are_believed(seed: int, robot: Robot) -> None:
     run = HealthRun(robot, duration=END, dt=0.02, seed=seed)

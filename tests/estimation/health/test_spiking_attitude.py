@@ -90,6 +90,7 @@ def test_drifting_fixes_are_blamed_although_the_attitude_spikes(robot: Robot) ->
     assert run.last_bad("attitude") < 13.5 + CLEAN + 2.0 * STEP
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("channel", ["position", "linear_velocity"])
 def test_spikes_of_attitudes_hide_no_slow_drift(channel: str, robot: Robot) -> None:
     """Comparisons over 20 s began anew after each of them."""

@@ -292,6 +292,7 @@ def test_a_plan_is_called_solved_only_where_it_keeps_its_margin_between_nodes(
         assert "clearance" in plan.reason
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("speed", [1.0, 0.0], ids=["steady", "a jump from node to node"])
 def test_a_motion_through_a_thin_wall_between_two_nodes_is_not_certified(speed: float) -> None:
     problem, term = planar_problem([obstacle("sheet", coal.Box(0.001, 6.0, 6.0), [2.6, 0.0, 0.0])])

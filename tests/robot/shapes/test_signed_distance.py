@@ -150,6 +150,7 @@ def test_the_normal_of_two_meshes_is_the_slope_of_their_distance() -> None:
             assert slope == pytest.approx(mesh_contact.normal @ axis, abs=1e-3)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("kind", ["sphere", "capsule", "cone", "box"])
 def test_depth_in_a_closed_mesh_changes_as_its_points_and_normal_say(kind: str, order: int) -> None:

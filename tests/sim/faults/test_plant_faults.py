@@ -88,6 +88,7 @@ def row_of(plant: DynamicPlant) -> dict[str, np.ndarray]:
     return {"q": plant.state.q, "v": plant.state.v, **plant.telemetry()}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("text", [*MACHINE, *WATER])
 def test_nothing_changes_before_the_onset(text: str, robot: Robot) -> None:
     plant = plant_of(robot, f"{text}@{ONSET}")
