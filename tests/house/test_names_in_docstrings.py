@@ -32,6 +32,7 @@ _EXAMPLES = {
     *("vel_x_mm_s", "vx_ref", "HeadingSet", "depth_setpoint", "press_kpa"),  # columns of others
     *("q_least", "v_mean", "add_subdirectory"),  # made of two words; of CMake
     *("UVMS_OCP_PEERS", "UVMS_OCP_POOL_RECORDINGS", "UVMS_OCP_DRIVEN_RECORDINGS"),  # benchmarks
+    "UVMS_OCP_DRAW",  # tests
 }
 """Names on pages that stand for a user's own, or that code puts together."""
 
