@@ -34,6 +34,9 @@ LIMIT = '<limit lower="-1.2" upper="1.2" effort="8" velocity="0.7"/>'
 _ENDLESS = '<limit effort="8" velocity="0.7"/>'
 _WET = """coefficients: {added_mass: [9, 14, 18, 0.3, 0.4, 0.5], linear_drag: [12, 15, 20, 1, 1, 1],
     quadratic_drag: [30, 45, 60, 2, 2, 2], volume: 0.024, centre_of_buoyancy: [0.011, 0, 0.03]}"""
+_IN_TRIM = _WET.replace("volume: 0.024", f"volume: {24.0 / 998.0}").replace(
+    "[0.011, 0, 0.03]", "[0, 0, 0.03]"
+)
 _AHEAD = ((-0.3, 0.1, 0.0, 1, 0, 0), (-0.3, -0.1, 0.0, 1, 0, 0))
 _ALL = (
     (0.2, 0.2, 0.0, 1, -1, 0),
@@ -45,6 +48,19 @@ _ALL = (
     (-0.2, 0.15, 0.1, 0, 0, 1),
     (-0.2, -0.15, 0.1, 0, 0, 1),
 )
+
+
+LEVEL = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for y in (0.2, -0.2))
+"""Position and direction of four thrusters that drive surge, sway and yaw."""
+
+
+def heading_with_roll(heading: float) -> tuple[tuple[float, ...], ...]:
+    """Return thrusters (position, direction) whose free roll takes so much heading [rad] along for each of
+    its own: what turns the vehicle rolls it.
+    """
+    height = 0.4 * heading
+    level = tuple((x, y, height if x > 0.0 else -height, u, v, w) for x, y, _, u, v, w in LEVEL)
+    return (*level, (0.2, 0.0, 0.1, 0, 0, 1), (-0.2, 0.0, 0.1, 0, 0, 1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +78,8 @@ class Tiny:
     """Of the URDF."""
     limited: bool = True
     """The vehicle is, in velocity and acceleration."""
+    in_trim: bool = False
+    """Buoyancy is as much as the weight of the vehicle without an arm, and above it."""
 
     def write(self, folder: Path) -> Path:
         (folder / "robot.urdf").write_text(self._urdf(), encoding="utf-8")
@@ -84,7 +102,8 @@ class Tiny:
         return f"<robot name='tiny'>{body}</robot>"
 
     def _hydrodynamics(self) -> str:
-        links = f"base_link: {{{_WET}}}"
+        wet = _IN_TRIM if self.in_trim else _WET
+        links = f"base_link: {{{wet}}}"
         if self.dry:
             links += ", arm0: {coefficients: {}}"
         thrusters = ""

@@ -14,7 +14,7 @@ from tiny_robots import TINY, robot_of
 
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import robot_dynamics
-from uvms_ocp.robot.rest_along_free_motions import motion_to_rest
+from uvms_ocp.robot.rest_along_free_motions import motion_to_rest, tilt_for_drag
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.static_balance import with_trim
 from uvms_ocp.robot.thrusters import free_motions, undriven_axes
@@ -45,6 +45,32 @@ def test_there_weight_and_buoyancy_do_no_more_work(seed: int, tmp_path: Path) ->
     assert 0.0 < abs(displacement[HEAVE]) < 0.1
     there = pin.integrate(robot.model, q, displacement)
     assert pull(robot, there) < 0.1 * pull(robot, q)
+
+
+def test_a_tilt_makes_up_for_drag_where_thrusters_do_not(tmp_path: Path) -> None:
+    rng = np.random.default_rng(17)
+    robot = write_robot(drawn_body(rng), rng, tmp_path)
+    q = np.array(robot.configuration())
+    still = np.zeros(robot.n_v)
+    v = still.copy()
+    v[HEAVE] = 0.05
+    tilt = tilt_for_drag(robot, q, v)
+    assert 0.0 < np.abs(tilt).max() < 0.1
+    step = still.copy()
+    step[3:5] = tilt
+    motions = free_motions(robot)[0]
+    dynamics = robot_dynamics(robot)
+    at_rest = motions.T @ dynamics.inverse_dynamics(q, still, still)
+    resisted = motions.T @ dynamics.inverse_dynamics(q, v, still) - at_rest
+    tilted = motions.T @ dynamics.inverse_dynamics(pin.integrate(robot.model, q, step), v, still)
+    np.testing.assert_allclose(tilted, at_rest, atol=0.05 * np.abs(resisted).max())
+
+
+def test_no_tilt_makes_up_for_drag_along_what_weight_does_not_right() -> None:
+    robot = robot_of(TINY["no lift"])
+    v = np.zeros(robot.n_v)
+    v[HEAVE] = 0.05
+    assert np.isinf(tilt_for_drag(robot, np.array(robot.configuration()), v)).all()
 
 
 def test_what_nothing_rights_never_comes_to_rest() -> None:

@@ -7,9 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tiny_robots import OPEN, STANDING, TINY, WEIGHTLESS, Tiny, robot_of, scenario_of
+from tiny_robots import (
+    LEVEL,
+    OPEN,
+    STANDING,
+    TINY,
+    WEIGHTLESS,
+    Tiny,
+    heading_with_roll,
+    robot_of,
+    scenario_of,
+)
 
+from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.static_balance import with_trim
 from uvms_ocp.robot.thrusters import largest_wrench
 from uvms_ocp.scenario.options import abort_phase
 from uvms_ocp.scenario.preflight.findings import Severity
@@ -93,7 +106,33 @@ def test_a_vehicle_that_nothing_drives_up_or_down_is_refused_a_goal_at_another_d
     assert "no thruster drives heave" not in _said(with_lift)
 
 
-LEVEL = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for y in (0.2, -0.2))
+def _lift_ahead(lead: float) -> Robot:
+    """Return a vehicle whose lift comes with a pitch, from a single thruster 1 m ahead, in trim but for
+    lead [kg].
+    """
+    near = tuple((x / 2, y / 2, z, u, v, w) for x, y, z, u, v, w in LEVEL)
+    thrusters = (*near, *near, *near, (1.0, 0.0, 0.0, 0, 0, 1))
+    robot = robot_of(Tiny(joints=(), thrusters=thrusters, in_trim=True))
+    if lead == 0.0:
+        return robot
+    body = TrimBody(name="lead", position=(0.0, 0.0, 0.0), mass=lead, volume=0.0)
+    return with_trim(robot, [body])
+
+
+@pytest.mark.parametrize(("lead", "refused"), [(0.0, False), (0.003, False), (0.01, True)])
+def test_a_goal_up_or_down_is_refused_where_weight_does_not_hold_the_vehicle_near_it(
+    lead: float, refused: bool
+) -> None:
+    """Weight bears the pitch that comes with its lift: it arrives, and was refused as though nothing
+    lifted it. Out of trim it comes to rest elsewhere.
+    """
+    scenario = scenario_of(_lift_ahead(lead), "dynamic", depth=5.5)
+    (severity,) = (
+        finding.severity
+        for finding in scenario.check().findings
+        if "PC waits for a goal 0.50 m above or below" in finding.text
+    )
+    assert severity is (Severity.ERROR if refused else Severity.WARNING)
 
 
 @pytest.mark.sampled
@@ -105,6 +144,13 @@ LEVEL = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for
         (
             ((0.0, 0.0, 0.0, 1, 0, 0), (0.0, 0.0, 0.0, 0, 1, 0), (0.0, 0.0, 0.0, 0, 0, 1)),
             "no thruster drives yaw, and nothing rights it",
+        ),
+        (heading_with_roll(0.3), ""),
+        (heading_with_roll(0.9), ""),
+        (heading_with_roll(-0.9), ""),
+        (
+            heading_with_roll(1.1),
+            "no thruster drives roll, which takes 1.1 rad of yaw along for each of its own: they are no two axes",
         ),
     ],
 )

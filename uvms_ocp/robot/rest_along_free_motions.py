@@ -14,6 +14,8 @@ from uvms_ocp.robot.thrusters import free_motions, undriven_axes
 _STEP = 1e-4  # of the difference quotients, share of a unit of a motion
 # stiffness along a motion that is none: of weight and buoyancy, share of the weight over the robot's size
 _SOFT = 3e-3
+_TILTS = (3, 4)  # axes of v about which weight rights a vehicle
+_UNMATCHED = 1e-3  # share of drag that may be left when a tilt makes up for it
 
 
 def motion_to_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -44,6 +46,31 @@ def motion_to_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
         elif abs(pull) > TRIM_TOLERANCE * weight(robot.model):
             displacement[np.abs(motion) > _STEP] = np.inf
     return displacement
+
+
+def tilt_for_drag(robot: Robot, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the turn (2,) [rad] in roll and pitch from q (n_q,) [m, rad] at which weight and buoyancy make
+    up along `free_motions` for drag at a steady velocity v (n_v,) [m/s, rad/s], to first order;
+    infinite where no tilt does.
+
+    Of a vehicle whose lift comes with a pitch thrusters give the lift, and weight bears the pitch.
+    """
+    motions = free_motions(robot)[0]
+    still = np.zeros(robot.n_v)
+    drag = cached_dynamics(robot).inverse_dynamics(q, v, still) - _holding(robot, q)
+    resistance = motions.T @ drag
+    righting = np.zeros((len(resistance), 2))
+    for k, axis in enumerate(_TILTS):
+        step = np.zeros(robot.n_v)
+        step[axis] = _STEP
+        ahead = _holding(robot, pin.integrate(robot.model, q, step))
+        behind = _holding(robot, pin.integrate(robot.model, q, -step))
+        righting[:, k] = motions.T @ (ahead - behind) / (2.0 * _STEP)
+    tilt = np.linalg.lstsq(righting, -resistance, rcond=None)[0]
+    lack = np.linalg.norm(righting @ tilt + resistance)
+    if lack > _UNMATCHED * np.linalg.norm(resistance):
+        return np.full(2, np.inf)
+    return np.asarray(tilt)
 
 
 def _holding(robot: Robot, q: np.ndarray) -> np.ndarray:
