@@ -1,9 +1,9 @@
 """What is found of recordings that were spoiled: ``python benchmarks/recording_doubts.py``.
 
 Recordings of drawn vehicles are sound; of each, one thing after the other is spoiled by a drawn
-amount, and looked at as `check-recording` and `identify` do. What goes wrong stands in
-``spoiled/kinds.py``, every doubt in ``spoiled/doubts.py``. Writes recording_doubts.csv and
-recording_doubts.md.
+amount, and looked at as `check-recording` and `identify` do. Then drawn pairs of things are spoiled
+at once. What goes wrong stands in ``spoiled/kinds.py``, every doubt in ``spoiled/doubts.py``.
+Writes recording_doubts.csv, recording_doubts_pairs.csv and recording_doubts.md.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from uvms_ocp.identification.settings_checks import check_settings
 
 ROBOTS = 10
 """Sound recordings."""
+PAIRS = 400
+"""Recordings that two things are spoiled of, unless ``--pairs`` says how many."""
 SETTINGS = {
     "robot": "bluerov2_alpha5",
     "arm": "taken off",
@@ -45,6 +47,10 @@ is raised; and of those that are spoiled in another way, those where it is raise
 that is wrong (the same fault by another name, or one that follows from it), and about channels that
 are sound, which alone is false. {stated} more doubts state what a file, or the settings of a fit,
 say themselves: {statements}.
+
+In the third table, of {pairs} recordings two things of different kinds are spoiled at once, both
+drawn: by the group of the first and how many of the two are found, each as above. Of none of the
+two is anything said in {silent:.1f} %; those stand below it.
 """
 _PARTNERS: Mapping[str, tuple[str, ...]] = {
     "linear_velocity": ("position", "attitude"),
@@ -137,9 +143,61 @@ def _share(n: int, of: int) -> float:
     return 100.0 * n / max(of, 1)
 
 
+def spoiled_pairs(
+    n: int,
+    recordings: Sequence[Recording],
+    before: Sequence[_Doubts],
+    issues: Callable[[Recording], Sequence[tuple[str, str]]],
+    rng: np.random.Generator,
+) -> list[Row]:
+    """Spoil two things at once n times, both and the recording drawn; one row for each."""
+    rows = list[Row]()
+    while len(rows) < n:
+        k = int(rng.integers(len(recordings)))
+        first, second = (KINDS[i] for i in rng.choice(len(KINDS), 2, replace=False))
+        try:
+            spoiled = second.spoil(first.spoil(recordings[k], rng), rng)
+        except KeyError:  # the first has left out a channel that the second spoils
+            continue
+        raised = doubts(spoiled, issues) - before[k]
+        found = [_row_of(recordings[k], kind, raised)["found"] for kind in (first, second)]
+        rows.append(
+            {
+                "recording": recordings[k].name,
+                "first": f"{first.group}: {first.how}",
+                "second": f"{second.group}: {second.how}",
+                "group": first.group,
+                "n_found": sum(found),
+                "raised": "; ".join(sorted({doubt.says for _, doubt in raised})),
+            }
+        )
+    return rows
+
+
+def by_group(pairs: Sequence[Row]) -> list[Row]:
+    """Count, by the group of the first, how many things of a pair are found."""
+    table = list[Row]()
+    for group in dict.fromkeys(column(pairs, "group")):
+        rows = rows_where(pairs, "group", group)
+        counts = column(rows, "n_found")
+        table.append(
+            {
+                "first of a pair": group,
+                "n": len(rows),
+                "both [%]": _share(counts.count(2), len(rows)),
+                "one [%]": _share(counts.count(1), len(rows)),
+                "none [%]": _share(counts.count(0), len(rows)),
+                "silent": sum(not row["raised"] for row in rows),
+            }
+        )
+    return table
+
+
 def main() -> None:
     """Spoil and look."""
-    _, run = begin(parser_of(__doc__))
+    parser = parser_of(__doc__)
+    parser.add_argument("--pairs", type=int, default=PAIRS, metavar="N", help="pairs of faults")
+    options, run = begin(parser)
     rng = np.random.default_rng(0)
     issues = checker()
     recordings = sound(rng, 1 if run.quick else ROBOTS)
@@ -149,6 +207,9 @@ def main() -> None:
         for kind in KINDS:
             raised = doubts(kind.spoil(recording, rng), issues) - doubts_before
             rows.append(_row_of(recording, kind, raised))
+    n_pairs = 4 if run.quick else options.pairs
+    pairs = spoiled_pairs(n_pairs, recordings, before, issues, rng)
+    silent = [row for row in pairs if not row["raised"]]
     name = "recording_doubts"
     by_kind_columns = {
         "spoiled": "",
@@ -166,17 +227,28 @@ def main() -> None:
         "others, same channel [%]": ".1f",
         "others, false [%]": ".1f",
     }
+    by_group_columns = {
+        "first of a pair": "",
+        "n": "",
+        "both [%]": ".1f",
+        "one [%]": ".1f",
+        "none [%]": ".1f",
+        "silent": "",
+    }
     tables = [
         Table(rows=by_kind(rows), columns=by_kind_columns),
         Table(rows=by_doubt(rows, before), columns=by_doubt_columns),
+        Table(rows=by_group(pairs), columns=by_group_columns),
     ]
+    if silent:
+        tables.append(Table(rows=silent, columns={"recording": "", "first": "", "second": ""}))
     run.write(
         Report(
             name=name,
             title="Doubts about spoiled recordings",
-            prose=_prose(rows, before),
+            prose=_prose(rows, before, pairs),
             tables=tables,
-            data={name: list(map(_with_joined_lists, rows))},
+            data={name: list(map(_with_joined_lists, rows)), f"{name}_pairs": pairs},
         )
     )
 
@@ -205,7 +277,7 @@ def _row_of(recording: Recording, kind: Kind, raised: _Doubts) -> Row:
     }
 
 
-def _prose(rows: Sequence[Row], before: Sequence[_Doubts]) -> str:
+def _prose(rows: Sequence[Row], before: Sequence[_Doubts], pairs: Sequence[Row]) -> str:
     found_share = _share(sum(column(rows, "found")), len(rows))
     n_about = sum(map(len, column(rows, "about")))
     n_elsewhere = sum(map(len, column(rows, "elsewhere")))
@@ -222,6 +294,8 @@ def _prose(rows: Sequence[Row], before: Sequence[_Doubts]) -> str:
         others=_share(n_elsewhere, n_about + n_elsewhere),
         stated=len(stated),
         statements="; ".join(stated),
+        pairs=len(pairs),
+        silent=_share(sum(not row["raised"] for row in pairs), len(pairs)),
     )
 
 
