@@ -142,13 +142,6 @@ class Transition:
         if not self.when:
             raise InvalidInput(f"transition to {self.to!r} has no conditions; give at least one")
 
-    @checked_on_failure
-    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Check that all conditions are true of the quantities [in their units]; held: they were
-        true before.
-        """
-        return all(condition.holds(quantities, held) for condition in self.when)
-
     def describe(self, quantities: Mapping[str, float]) -> str:
         """Describe its conditions, with the quantities [in their units]."""
         return ", ".join(condition.describe(quantities) for condition in self.when)
