@@ -209,8 +209,9 @@ def test_packages_of_xacro_are_found_beside_the_file(tmp_path: Path) -> None:
 
 
 @needs_xacro
-def test_packages_in_groups_of_a_workspace_are_found(tmp_path: Path) -> None:
-    package = tmp_path / "parts" / "parts_description"
+@pytest.mark.parametrize("group", ["parts", "stack/parts"])
+def test_packages_in_groups_of_a_workspace_are_found(group: str, tmp_path: Path) -> None:
+    package = tmp_path / group / "parts_description"
     package.mkdir(parents=True)
     (package / "package.xml").write_text(
         "<package><name>parts_description</name></package>", encoding="utf-8"

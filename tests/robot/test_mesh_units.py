@@ -101,6 +101,16 @@ def test_a_mesh_of_another_size_than_its_inertia_is_doubted(
     assert any("mesh 'm.dae'" in text for text in findings) == is_doubted
 
 
+@pytest.mark.parametrize(("factor", "is_doubted"), [(1.0, False), (1.0 / 0.3048, True)])
+def test_a_hull_in_feet_is_doubted_by_the_water_that_it_holds(
+    factor: float, is_doubted: bool, tmp_path: Path
+) -> None:
+    # 9 kg displace what the box holds; a coarse moment fits 0.92 m, between both.
+    robot = robot_of_mesh(tmp_path, collada(factor * CORNERS, ""), moment=0.3)
+    findings = [finding.text for finding in check_robot(robot).findings]
+    assert any("one in feet holds 35 times as much" in text for text in findings) == is_doubted
+
+
 @pytest.mark.parametrize("stated", ["Y_UP", "Z_UP"])
 @pytest.mark.parametrize("lies_turned", [True, False])
 def test_axes_that_fit_the_inertia_when_turned_alone_are_doubted(

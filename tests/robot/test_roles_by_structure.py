@@ -324,6 +324,26 @@ def test_an_arm_whose_names_say_sensor_is_asked_beside_another_one(tmp_path: Pat
     assert not any("camera_pan" in question for question in proposal.questions)
 
 
+def test_a_mount_without_range_below_an_arm_is_held(tmp_path: Path) -> None:
+    parts = part("hull", "mount") + chain("mount", "a", "b", "c") + fixed_thrusters()
+    parts += chain("hull", "camera", mass=0.1)
+    rangeless = "lower='0' upper='0' velocity='0' effort='0'"
+    for name in ("mount", "camera"):
+        before, after = parts.split(f"<joint name='{name}_j'")
+        after = after.replace("lower='-0.5' upper='0.5' velocity='0.7' effort='9'", rangeless, 1)
+        parts = f"{before}<joint name='{name}_j'{after}"
+    proposal = proposed(tmp_path, parts)
+    assert proposal.robot.joint_names == joints_of("a", "b", "c")
+    assert proposal.robot.tools == ("c",)
+    assert "joint camera_j, mount_j: has no range, held still" in proposal.reasons
+
+
+def test_a_dvl_counts_once_with_its_beams(tmp_path: Path) -> None:
+    beams = "".join(fixed("dvl", f"dvl_sonar_{k}") for k in range(4))
+    robot = proposed(tmp_path, ARM + fixed_thrusters() + fixed("hull", "dvl") + beams).robot
+    assert robot.description.dvl == "dvl"
+
+
 def test_sensors_that_have_a_role_are_told_with_their_reason(tmp_path: Path) -> None:
     parts = ARM + TCP + fixed_thrusters() + fixed("hull", "altimeter_1") + fixed("hull", "dvl_a50")
     reasons = proposed(tmp_path, parts).reasons

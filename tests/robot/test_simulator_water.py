@@ -90,11 +90,13 @@ def test_all_that_uuv_simulator_states_is_taken(tmp_path: Path) -> None:
 
 
 def test_how_far_proposed_water_may_be_off_is_told_unless_it_is_stated(tmp_path: Path) -> None:
-    interval = "added mass may be 0.3 to 2.5 times as large, drag 0.25 to 6 times"
+    interval = "added mass may be 0.3 to 2.5 times as large, quadratic drag 0.25 to 6 times"
     proposal = proposed(tmp_path, "")
     assert interval in proposal.text
     assert any(line.startswith("water of hull") and interval in line for line in proposal.reasons)
-    assert not any(interval in line for line in proposed(tmp_path, uuv()).reasons)
+    assert not any("proposed by shapes" in line for line in proposed(tmp_path, uuv()).reasons)
+    told = " ".join(proposed(tmp_path, gazebo().replace("xU>", "no>")).reasons)
+    assert "water of hull: proposed by shapes: linear drag is assumed" in told
 
 
 def test_coupled_terms_are_turned_from_starboard_and_down(tmp_path: Path) -> None:
@@ -130,7 +132,7 @@ def test_numbers_of_gazebo_resist_whatever_their_sign(sign: float, tmp_path: Pat
             "<gazebo><plugin name='gz::sim::systems::LiftDrag' filename='x.so'/></gazebo>",
             "LiftDrag', which speaks of water",
         ),
-        (uuv(kind="spheroid"), "type 'spheroid' is not read; allowed: fossen, sphere"),
+        (uuv(kind="spheroid"), "type 'spheroid' are not read; allowed: fossen, sphere"),
         (uuv(kind="cylinder"), "type 'cylinder' without <radius>, <length>, <axis>"),
         (uuv(kind="sphere", more="<radius>-1</radius>"), "type 'sphere' without <radius>"),
         (
@@ -190,6 +192,27 @@ def test_a_link_that_is_neutrally_buoyant_keeps_its_centre_of_buoyancy(tmp_path:
     water = hull_water(proposed(tmp_path, uuv(volume=volume)))
     assert water.volume == pytest.approx(30.0 / 1028.0)
     np.testing.assert_allclose(water.centre_of_buoyancy, [0.0, 0.0, 0.06])
+
+
+def test_a_volume_is_taken_beside_a_model_that_is_not_read(tmp_path: Path) -> None:
+    proposal = proposed(tmp_path, uuv(kind="cylinder"))
+    by_shape = hull_water(proposed(tmp_path, ""))
+    proposal_water = hull_water(proposal)
+    assert proposal_water.volume == 0.0335
+    np.testing.assert_allclose(proposal_water.added_mass, by_shape.added_mass)
+
+
+def test_each_number_that_is_proposed_has_an_interval_or_is_called_assumed(tmp_path: Path) -> None:
+    told = " ".join(proposed(tmp_path, thruster_joints("thruster_a", "thruster_b")).reasons)
+    assert "buoyancy 0.12 of the hull's height above the mass; may be 0.83 to 1.7 times" in told
+    assert "linear drag is assumed: as large as quadratic drag at 0.15 m/s" in told
+    assert "limits of thrust, time constants of thrusters" in told
+    assert "speeds and accelerations of the vehicle" in told
+    limits = "<thrustMin>-7</thrustMin><thrustMax>9</thrustMax>"
+    blocks = thruster_joints("a") + UUV_THRUSTER.format("a", limits, BASIC) + uuv()
+    told = " ".join(proposed(tmp_path, blocks).reasons)
+    assert "buoyancy 0.12" not in told
+    assert "limits of thrust" not in told
 
 
 RHO = 1028.0

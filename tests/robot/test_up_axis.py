@@ -56,6 +56,17 @@ def test_signs_of_z_down_are_asked_and_told(
         assert sign in told[0]
 
 
+def test_buoyancy_of_all_links_of_the_vehicle_counts(tmp_path: Path) -> None:
+    text = robot_text("hull", -0.15, 0.06)
+    bracket = (
+        "<link name='<volume>0.0005</volume><center_of_buoyancy>0 0 -0.3</center_of_buoyancy>"
+        "<hydrodynamic_model><type>fossen</type></hydrodynamic_model></link></plugin>"
+    ).replace("<link name='", "<link name='rov_dvl'>")
+    (tmp_path / "robot.urdf").write_text(text.replace("</plugin>", bracket), encoding="utf-8")
+    questions = propose(tmp_path / "robot.urdf", base="free_flyer").questions
+    assert not any(question.startswith("axes:") for question in questions)
+
+
 def test_a_root_above_it_turns_the_vehicle(tmp_path: Path) -> None:
     text = robot_text("hull", 0.15, -0.04).replace(
         "<link name='hull'>",

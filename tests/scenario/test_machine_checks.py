@@ -68,6 +68,20 @@ def test_an_inertia_of_no_body_is_refused_by_the_mission_as_by_the_check_of_the_
     assert scenario_of(robot, "kinematic").check().of_check("inertia") == ()
 
 
+@pytest.mark.parametrize("plant", ["dynamic", "kinematic"])
+def test_a_z_axis_that_points_down_is_told_by_the_mission_as_by_the_check_of_the_robot(
+    plant: str,
+) -> None:
+    robot = robot_of(TINY["one wet link"])
+    model = robot.model.copy()
+    above = pin.SE3(np.eye(3), np.array([0.0, 0.0, 5.0]))
+    model.addFrame(pin.Frame("rov_dvl", 1, 1, above, pin.FrameType.BODY))
+    robot = replace(robot, model=model)
+    text = "does z point down? rov_dvl would be on top of the hull"
+    assert any(text in finding.text for finding in check_robot(robot).findings)
+    assert f"warning: {text}" in _said(scenario_of(robot, plant))
+
+
 def test_joints_without_limits_are_given_those_of_a_published_arm_which_is_said_once() -> None:
     robot = robot_of(OPEN)
     np.testing.assert_array_equal(robot.limits.velocity[6:], ASSUMED_VELOCITY)

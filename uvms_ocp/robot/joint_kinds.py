@@ -50,6 +50,8 @@ def kinds_of(tree: LinkTree) -> Iterator[tuple[int, str]]:
             yield joint, "gimbals"
         elif not any(tree.model.inertias[k].mass for k in below):
             yield joint, "empty"
+        elif _has_no_range(tree, joint):
+            yield joint, "held"
         elif _carries_sensors_alone(tree, joint):
             yield joint, "sensors"
         elif _whirls(tree, joint):
@@ -61,8 +63,6 @@ def kinds_of(tree: LinkTree) -> Iterator[tuple[int, str]]:
                 yield finger_joint, "fingers"
         elif _slides_ballast(tree, joint):
             yield joint, "ballast"
-        elif not any(tree.has_range(k) for k in (*tree.above(joint), *below)):
-            yield joint, "held"
         elif _points_sensors(tree, joint):
             for head_joint in below:
                 yield head_joint, "heads"
@@ -89,6 +89,16 @@ def _carries_propellers_alone(tree: LinkTree, joint: int) -> bool:
         if is_arm or n_above > _GIMBAL_JOINTS:
             return False
     return True
+
+
+def _has_no_range(tree: LinkTree, joint: int) -> bool:
+    """Check whether a joint has no range, and either carries joints that have some, or is part of a
+    chain of which none has. At the end of an arm it fixes its hand.
+    """
+    if tree.has_range(joint):
+        return False
+    carries_moving = any(tree.has_range(k) for k in tree.below(joint))
+    return carries_moving or not any(tree.has_range(k) for k in tree.above(joint))
 
 
 def _bends_a_fin(tree: LinkTree, joint: int) -> bool:

@@ -23,7 +23,12 @@ from uvms_ocp.robot.dialects.robot_xml import ROBOT_SUFFIXES, read_robot_xml
 from uvms_ocp.robot.joining import assemble
 from uvms_ocp.robot.name_words import FIXED_ROOTS, NameWords
 from uvms_ocp.robot.proposal_draft import ProposalDraft, ProposedThruster
-from uvms_ocp.robot.proposal_text import intervals_of_water, proposal_lines
+from uvms_ocp.robot.proposal_text import (
+    assumed_numbers,
+    interval_of_buoyancy,
+    intervals_of_water,
+    proposal_lines,
+)
 from uvms_ocp.robot.proposed_thrusters import stated_thrusters, thrusters_by_structure
 from uvms_ocp.robot.proposed_water import hull_of, proposed_links, trimmed
 from uvms_ocp.robot.robot import Robot
@@ -31,8 +36,6 @@ from uvms_ocp.robot.roles import find_roles
 from uvms_ocp.robot.simulator_water import simulator_blocks
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf
 
-_INTERVALS_KNOWN = {"added_mass", "quadratic_drag"}
-"""Coefficients of the hull that are proposed within a stated interval."""
 _MIN_VEHICLE_SHARE = 0.5  # of the mass: a root with less carries an arm, and is no vehicle
 
 
@@ -177,8 +180,14 @@ def _proposal_of(draft: ProposalDraft, urdf: Path) -> RobotProposal:
     lines = proposal_lines(robot.description, draft, sources, hull)
     text = "".join(f"{line}\n" for line in lines)
     reasons = [*draft.reasons()]
-    if hull and not draft.stated_of(hull).keys() >= _INTERVALS_KNOWN:
-        reasons.append(f"water of {hull}: {intervals_of_water()}")
+    intervals = intervals_of_water(draft.stated_of(hull).keys())
+    if hull and intervals:
+        reasons.append(f"water of {hull}: {intervals}")
+    if hull and "volume" not in draft.stated_of(hull):
+        reasons.append(f"{hull} floats level: {interval_of_buoyancy()}")
+    assumed = assumed_numbers(robot.description, draft)
+    if assumed:
+        reasons.append(f"assumed, as the file states none: {assumed}")
     return RobotProposal(
         text=text,
         questions=tuple(draft.questions()),

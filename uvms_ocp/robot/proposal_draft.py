@@ -160,8 +160,19 @@ class ProposalDraft:
         return None
 
     def _dvl_candidates(self) -> list[str]:
-        """Return links of the vehicle that are called a DVL."""
-        return [link.name for _, link in self._links_called("dvl") if link.parentJoint <= 1]
+        """Return links of the vehicle that are called a DVL, without those that hang on another one,
+        such as its beams.
+        """
+        frames = self.models.model.frames
+        on_vehicle = [i for i, link in self._links_called("dvl") if link.parentJoint <= 1]
+        candidates = list[str]()
+        for index in on_vehicle:
+            above = frames[index].parentFrame
+            while above > 0 and above not in on_vehicle:
+                above = frames[above].parentFrame
+            if above == 0:
+                candidates.append(frames[index].name)
+        return candidates
 
     def _links_called(self, kind: str) -> list[tuple[int, pin.Frame]]:
         """Return links whose name is of a kind, with their indices."""
@@ -292,13 +303,17 @@ class ProposalDraft:
         if not self.floats:
             return
         model = self.models.model
-        buoyancy: np.ndarray | None = None
+        volume = 0.0  # [m3]
+        moment = np.zeros(3)  # [m4]
         for link in self.simulator.links:
             stated = self.stated_of(link)
             if "centre_of_buoyancy" in stated and model.existFrame(link):
                 frame = model.frames[model.getFrameId(link)]
                 if frame.parentJoint == 1:
-                    buoyancy = frame.placement.act(np.array(stated["centre_of_buoyancy"]))
+                    centre = frame.placement.act(np.array(stated["centre_of_buoyancy"]))
+                    volume += stated["volume"]
+                    moment += stated["volume"] * centre
+        buoyancy = moment / volume if volume > 0.0 else None
         shapes = self.models.collision if self.models.collision.ngeoms else self.models.visual
         signs = list(signs_of_z_down(model, shapes, buoyancy))
         if signs:

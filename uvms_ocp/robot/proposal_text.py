@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import yaml
@@ -10,11 +10,14 @@ import yaml
 from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.proposal_draft import SPIN_UP, ProposalDraft
 from uvms_ocp.robot.proposed_hull import ADDED_MASS_INTERVAL, DRAG_INTERVAL
+from uvms_ocp.robot.proposed_water import LIFT_SHARE, TURBULENT_RATE, TURBULENT_SPEED
 
 _HEAD = """# What the URDF does not say: water, thrusters, limits. SI units; vectors in the frame of their link, forward-left-up.
 # Everything here is proposed, from the URDF alone: look at each line, and replace what you know.
 # `uvms-ocp schema` prints all that may stand here."""
 _BY_USER = "as you said"
+_LIFT_SHARES = (0.1, 0.2)
+"""`LIFT_SHARE` of published vehicles from 11 to 1,900 kg."""
 _LOADING_SOURCES = {
     "mimic": _BY_USER,
     "lock": (
@@ -35,7 +38,10 @@ def proposal_lines(
     yield from _role_lines(description, values, draft)
     yield from _loading_lines(values.get("loading", {}))
     if description.vehicle_limits:
-        yield "vehicle_limits: # proposed: of a slow vehicle; surge, sway, heave, roll, pitch, yaw"
+        yield (
+            "vehicle_limits: # proposed, assumed: of a slow vehicle; surge, sway, heave, roll,"
+            " pitch, yaw"
+        )
         for key, row in values["vehicle_limits"].items():
             yield f"  {key}: {_flow(row)}"
     if description.joints:
@@ -43,8 +49,8 @@ def proposal_lines(
             f"rotors that full effort alone brings there in {SPIN_UP:g} s, or as heavy as the arm"
         )
         yield (
-            "joints: # proposed: half a second to full speed, or 1 where the URDF has no limit of"
-            f" it; {rotors}"
+            "joints: # proposed, assumed: half a second to full speed, or 1 where the URDF has no"
+            f" limit of it; {rotors}"
         )
         for name, entry in values["joints"].items():
             yield f"  {_flow(name)}: {_flow(entry)}"
@@ -52,8 +58,8 @@ def proposal_lines(
     yield from _link_lines(values["links"], sources, trimmed_link)
     if description.thrusters:
         yield (
-            "thrusters: # proposed: places and directions of the URDF; limits as vehicles of this"
-            " mass have them"
+            "thrusters: # proposed: places and directions of the URDF; limits and time constants that"
+            " it does not state are assumed, as vehicles of this mass have them"
         )
         for entry, thruster in zip(values["thrusters"], draft.thrusters, strict=True):
             yield f"  - {_flow(entry)} # {thruster.source}"
@@ -109,18 +115,60 @@ def _link_lines(
         yield f"    coefficients:{'' if coefficients else ' {}'}"
         for key, value in coefficients.items():
             is_trim = key == "volume" and name == trimmed_link
-            source = " # proposed: so that it floats level" if is_trim else ""
+            source = ""
+            if is_trim:
+                source = " # proposed: so that it floats level"
+            elif key == "centre_of_buoyancy" and name == trimmed_link:
+                source = f" # proposed: {interval_of_buoyancy()}"
             yield f"      {key}: {_flow(value)}{source}"
 
 
-def intervals_of_water() -> str:
-    """Return how far added mass and drag that are proposed may be off."""
-    added_low, added_high = ADDED_MASS_INTERVAL
-    drag_low, drag_high = DRAG_INTERVAL
+def intervals_of_water(stated: Collection[str] = ()) -> str:
+    """Return how far coefficients that are proposed by shapes may be off; "" where all are stated.
+
+    stated: coefficients that the file states.
+    """
+    intervals = list[str]()
+    if "added_mass" not in stated:
+        low, high = ADDED_MASS_INTERVAL
+        intervals.append(f"added mass may be {low:g} to {high:g} times as large")
+    if "quadratic_drag" not in stated:
+        low, high = DRAG_INTERVAL
+        intervals.append(f"quadratic drag {low:g} to {high:g} times")
+    sentences = list[str]()
+    if intervals:
+        sentences.append(f"{', '.join(intervals)}; published vehicles are, in nine of ten entries")
+    if "linear_drag" not in stated:
+        sentences.append(
+            f"linear drag is assumed: as large as quadratic drag at {TURBULENT_SPEED:g} m/s and"
+            f" {TURBULENT_RATE:g} rad/s"
+        )
+    if not sentences:
+        return ""
+    return f"proposed by shapes: {'; '.join(sentences)}"
+
+
+def interval_of_buoyancy() -> str:
+    """Return how far the height of buoyancy that is proposed may be off."""
+    low, high = _LIFT_SHARES
     return (
-        f"proposed by shapes: added mass may be {added_low:g} to {added_high:g} times as large, drag"
-        f" {drag_low:g} to {drag_high:g} times; published vehicles are, in nine of ten entries"
+        f"buoyancy {LIFT_SHARE:g} of the hull's height above the mass; may be"
+        f" {low / LIFT_SHARE:.2g} to {high / LIFT_SHARE:.2g} times as high above it"
     )
+
+
+def assumed_numbers(description: RobotDescription, draft: ProposalDraft) -> str:
+    """Return which numbers of a proposal are assumed, without an interval; "" for none."""
+    kinds = list[str]()
+    if description.vehicle_limits:
+        kinds.append("speeds and accelerations of the vehicle")
+    if description.joints:
+        kinds.append("accelerations and rotors of joints")
+    if any(thruster.maximum is None for thruster in draft.thrusters):
+        kinds.append("limits of thrust")
+    if any(thruster.time_constant is None for thruster in draft.thrusters):
+        kinds.append("time constants of thrusters")
+    return ", ".join(kinds)
 
 
 def _flow(value: Any) -> str:

@@ -22,10 +22,12 @@ from uvms_ocp.robot.urdf import UrdfModels
 
 WATER_DENSITY = 1025.0
 """[kg/m3] of the sea."""
-_LIFT_SHARE = 0.12
-"""Height of buoyancy above mass over that of the hull: 0.1 to 0.2 of vehicles from 11 to 1,900 kg."""
-_TURBULENT_FROM = np.array([0.15] * 3 + [0.4] * 3)
-"""[m/s, rad/s] at which linear drag is as large as quadratic drag, of published vehicles."""
+LIFT_SHARE = 0.12
+"""Height of buoyancy above mass over that of the hull."""
+TURBULENT_SPEED = 0.15
+"""[m/s] at which linear drag is as large as quadratic drag, of published vehicles."""
+TURBULENT_RATE = 0.4
+"""[rad/s] of the same about the axes."""
 _MAX_DENSITY_RATIO = 20.0
 """Mass of water in the shapes of a link over that of the link, and over 1 kg: with more, its shapes
 are no hull, or in millimetres.
@@ -125,7 +127,7 @@ def _by_shape(
     box = link_boxes.smallest_box(model, models.collision, name, joint=joint)
     if box is None:
         box = link_boxes.smallest_box(model, models.visual, name, joint=joint)
-    if box is None or _is_too_large(box.size, mass):
+    if box is None or holds_too_much(box.size, mass):
         box = _box_by_inertia(inertia, mass)
         source = "box with its mass and inertia, as it has no fitting shapes"
     cylinder = None if is_hull else link_boxes.cylinder_in(box.corners)
@@ -156,8 +158,10 @@ def _pose(rotation: np.ndarray, position: np.ndarray) -> Pose:
     )
 
 
-def _is_too_large(size: np.ndarray, mass: float) -> bool:
-    """Check whether a box of that size (3,) [m] is no hull of a link of that mass [kg]."""
+def holds_too_much(size: np.ndarray, mass: float) -> bool:
+    """Check whether a box with sides (3,) [m] holds so much water that it is no hull of a link of a mass
+    [kg].
+    """
     return bool(np.prod(size) * WATER_DENSITY > _MAX_DENSITY_RATIO * max(mass, 1.0))
 
 
@@ -171,7 +175,7 @@ def _box_by_inertia(inertia: pin.Inertia, mass: float) -> link_boxes.TurnedBox:
     squared_sides = 6.0 / max(inertia.mass, 1e-9) * np.array([b + c - a, c + a - b, a + b - c])
     cube = np.full(3, (mass / WATER_DENSITY) ** (1 / 3))
     size = np.sqrt(squared_sides) if (squared_sides > 0.0).all() else cube
-    if _is_too_large(size, mass):
+    if holds_too_much(size, mass):
         size = cube
     middle = rotation.T @ inertia.lever
     corners = np.array([middle - size / 2, middle + size / 2])
@@ -187,10 +191,11 @@ def _coefficients(water: hydrodynamics.LinkHydrodynamics, mass: float) -> dict[s
         "rpy": rounded(pin.rpy.matrixToRpy(water.X_FL.rotation), 7),
     }
     quadratic = np.diag(water.quadratic_drag)
+    turbulent_from = np.array([TURBULENT_SPEED] * 3 + [TURBULENT_RATE] * 3)  # [m/s, rad/s]
     return {
         "pose": pose,
         "added_mass": rounded(np.diag(water.added_mass)),
-        "linear_drag": rounded(_TURBULENT_FROM * quadratic),
+        "linear_drag": rounded(turbulent_from * quadratic),
         "quadratic_drag": rounded(quadratic),
         "drag_by": "flow" if water.by_flow else "axes",
         "volume": float(f"{min(water.volume, mass / WATER_DENSITY):.4g}"),
@@ -226,7 +231,7 @@ def trimmed(robot: Robot, links: dict[str, Any], hull: str) -> dict[str, Any]:
     if total <= 0.0:
         return links
     centre = -(arms.T @ lift) / total  # [m] in B
-    centre[2] = robot.model.inertias[1].lever[2] + _LIFT_SHARE * _hull_height(robot, hull)
+    centre[2] = robot.model.inertias[1].lever[2] + LIFT_SHARE * _hull_height(robot, hull)
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     X_BF = robot.model.frames[robot.frame_id(hull)].placement
     coefficients["volume"] = float(f"{total / (gravity * robot.description.water_density):.6g}")
@@ -242,7 +247,7 @@ def _hull_height(robot: Robot, hull: str) -> float:
     mass = model.inertias[1].mass
     for shapes in (robot.collision_model, robot.visual_model):
         box = link_boxes.smallest_box(model, shapes, hull, joint=1)
-        if box is not None and not _is_too_large(box.size, mass):
+        if box is not None and not holds_too_much(box.size, mass):
             R_BF = model.frames[robot.frame_id(hull)].placement.rotation
             return float(np.abs(R_BF @ box.rotation)[2] @ box.size)
     return float(np.cbrt(mass / WATER_DENSITY))

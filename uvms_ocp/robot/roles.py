@@ -46,8 +46,8 @@ class Roles:
     empty: tuple[str, ...]
     """Joints that move nothing with a mass."""
     held: tuple[str, ...]
-    """Joints without range, as none above or below them has: sensors and brackets of some
-    exporters, and no arm.
+    """Joints without range, as none above or below them has, such as sensors and brackets of some
+    exporters, or below which an arm moves.
     """
     gimbals: tuple[str, ...]
     """Joints that carry nothing but propellers."""

@@ -186,38 +186,70 @@ def _read_uuv(blocks: SimulatorBlocks, plugin: Element, root: Element, links: se
             unread_settings.append(part.tag)
     if unread_settings:
         blocks.unread.append(f"of uuv_simulator: <{'>, <'.join(unread_settings)}>")
+    unread_models = dict[str, list[str]]()
     for element in plugin.findall("link"):
         model = element.find("hydrodynamic_model")
         if model is not None:
-            _read_uuv_link(blocks, element, model, root, links)
+            _read_uuv_link(blocks, element, model, root, links, unread_models)
+    for reason, names in unread_models.items():
+        blocks.unread.append(f"water of link {', '.join(names)} (uuv_simulator): {reason}")
 
 
 def _read_uuv_link(
-    blocks: SimulatorBlocks, element: Element, model: Element, root: Element, links: set[str]
+    blocks: SimulatorBlocks,
+    element: Element,
+    model: Element,
+    root: Element,
+    links: set[str],
+    unread_models: dict[str, list[str]],
 ) -> None:
-    """Read the water of one link of uuv_simulator."""
+    """Read the water of one link of uuv_simulator. unread_models: names of links by the reason why
+    their added mass and drag are not read.
+    """
     name = element.get("name", "")
     where = f"water of link {quoted(name)} (uuv_simulator)"
     if name not in links:
-        blocks.unread.append(f"{where}: no such link")
+        unread_models.setdefault("no such link", []).append(quoted(name))
         return
+    stated = dict[str, Any]()
     kind = model.findtext("type", "").strip()
-    if kind not in SIZES:
-        allowed = ", ".join(SIZES)
-        blocks.unread.append(f"{where}: type {quoted(kind)} is not read; allowed: {allowed}")
-        return
-    missing = missing_sizes(model)
-    if missing:
+    reason = _why_not_read(model)
+    if reason:
+        unread_models.setdefault(reason, []).append(quoted(name))
+    else:
+        stated |= _uuv_coefficients(model, blocks.density or _UUV_DENSITY)
+    if not reason and kind == "cylinder":
         blocks.unread.append(
-            f"{where}: type {quoted(kind)} without <{'>, <'.join(missing)}>, for which the simulator"
-            " looks at the shapes of the link"
+            f"{where}: added mass along the cylinder, which uuv_simulator has in kg/m; it is 0.1 of"
+            " that across"
         )
-        return
-    read = _READ_BY_UUV | {*SIZES[kind], *OPTIONS.get(kind, ())}
+    read = _READ_BY_UUV | {*SIZES.get(kind, ()), *OPTIONS.get(kind, ())}
     unread_parts = [part for part in model if part.tag not in read]
     unread_parts += [part for part in element if part.tag not in _UUV_OF_LINK]
     for part in unread_parts:
         blocks.unread.append(f"{where}: <{part.tag}> is not modelled")
+    stated |= _uuv_volume(blocks, element, root, where)
+    _take(blocks, name, "uuv_simulator plugin", stated, where)
+
+
+def _why_not_read(model: Element) -> str:
+    """Return why a model of uuv_simulator is not read; "" for one that is."""
+    kind = model.findtext("type", "").strip()
+    if kind not in SIZES:
+        return (
+            f"added mass and drag of type {quoted(kind)} are not read; allowed: {', '.join(SIZES)}"
+        )
+    missing = missing_sizes(model)
+    if missing:
+        return (
+            f"added mass and drag of type {quoted(kind)} without <{'>, <'.join(missing)}>, for which"
+            " the simulator looks at the box around the link"
+        )
+    return ""
+
+
+def _uuv_coefficients(model: Element, density: float) -> dict[str, Any]:
+    """Return added mass and drag of a model of uuv_simulator in water of a density [kg/m3]."""
     stated = dict[str, Any]()
     for key, tag, sign in (
         ("added_mass", "added_mass", 1.0),
@@ -227,15 +259,9 @@ def _read_uuv_link(
         text = model.findtext(tag)
         if text is not None:
             stated[key] = _matrix(text, sign)
-    if kind != "fossen":
-        stated |= shaped_water(model, stated, blocks.density or _UUV_DENSITY)
-    if kind == "cylinder":
-        blocks.unread.append(
-            f"{where}: added mass along the cylinder, which uuv_simulator has in kg/m; it is 0.1 of"
-            " that across"
-        )
-    stated |= _uuv_volume(blocks, element, root, where)
-    _take(blocks, name, "uuv_simulator plugin", stated, where)
+    if model.findtext("type", "").strip() != "fossen":
+        stated |= shaped_water(model, stated, density)
+    return stated
 
 
 def _uuv_volume(

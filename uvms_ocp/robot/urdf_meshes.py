@@ -20,6 +20,7 @@ from uvms_ocp.robot.urdf_elements import to_float
 _LFS = b"version https://git-lfs"
 """First bytes of a file that Git LFS has not fetched."""
 _WORKSPACE_DEPTH = 5  # folders above a file that may hold packages in groups, as workspaces do
+_GROUPS = ("*", "*/*")  # folders of packages in a workspace, groups of them in repositories
 _COLLADA_HEAD = 65536  # bytes within which a Collada file states its unit and axes
 _UNITS = (1e-6, 1e6)  # [m] what a unit of length may be
 _COLLADA_METRE = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']\s*([^"'\s]+)\s*["']""")
@@ -61,9 +62,10 @@ def find_package(package: str, folders: Sequence[Path]) -> Path | None:
         if os.path.isdir(inside):
             return inside
     for folder in folders[:_WORKSPACE_DEPTH]:
-        for below in sorted(folder.glob(f"*/{package}")):
-            if (below / "package.xml").is_file():
-                return below
+        for groups in _GROUPS:
+            for below in sorted(folder.glob(f"{groups}/{package}")):
+                if (below / "package.xml").is_file():
+                    return below
     return None
 
 

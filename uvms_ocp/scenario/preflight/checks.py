@@ -202,6 +202,7 @@ def _check_wherever(setup: Setup) -> Iterator[Finding]:
         check_period,
         check_unspecified,
         check_inertia,
+        check_geometry,
         check_own_parts,
         check_energy,
         forces.check_load,
@@ -285,6 +286,14 @@ def check_inertia(setup: Setup) -> Iterator[Finding]:
     if setup.with_forces and "plant" not in setup.own_parts:
         for finding in robot_check.body_errors(setup.robot):
             yield Severity.ERROR.finding("inertia", finding.text)
+
+
+def check_geometry(setup: Setup) -> Iterator[Finding]:
+    """Find meshes of another size or with other axes, and a z axis that seems to point down, as
+    `check-robot` does.
+    """
+    for finding in robot_check.geometry_doubts(setup.robot):
+        yield Severity.WARNING.finding(finding.subject, finding.text)
 
 
 def check_own_parts(setup: Setup) -> Iterator[Finding]:

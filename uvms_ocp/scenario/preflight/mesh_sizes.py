@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot.link_boxes import box_corners
+from uvms_ocp.robot.proposed_water import WATER_DENSITY, holds_too_much
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.signed_distance import Body
 from uvms_ocp.robot.urdf_meshes import collada_asset
@@ -28,8 +29,10 @@ def mesh_size_doubts(robot: Robot) -> Iterator[str]:
     its other shapes.
     """
     for joint in range(1, robot.model.njoints):
-        visual = _diagonal(robot.visual_model, joint)
-        collision = _diagonal(robot.collision_model, joint)
+        visual_sides = _sides(robot.visual_model, joint)
+        collision_sides = _sides(robot.collision_model, joint)
+        visual = float(np.linalg.norm(visual_sides))
+        collision = float(np.linalg.norm(collision_sides))
         name = _first_mesh(robot, joint)
         if name is None:
             continue
@@ -45,6 +48,16 @@ def mesh_size_doubts(robot: Robot) -> Iterator[str]:
             yield (
                 f"mesh {name}: its body spans {size:.3g} m, and has the inertia of one of"
                 f" {by_inertia:.3g} m; mend <inertia>, or the scale or the unit of the mesh"
+            )
+            continue
+        mass = float(robot.model.inertias[joint].mass)
+        sides = max(visual_sides, collision_sides, key=lambda sides: float(np.prod(sides)))
+        if mass > 0.0 and holds_too_much(sides, mass):
+            held = WATER_DENSITY * float(np.prod(sides))
+            yield (
+                f"mesh {name}: the box around its body holds {held:.3g} kg of water, and it weighs"
+                f" {mass:.3g} kg; one in feet holds 35 times as much as in metres: mend its scale or"
+                " unit, or <mass>"
             )
 
 
@@ -125,8 +138,8 @@ def _are_far_apart(a: float, b: float) -> bool:
     return max(a, b) > _MAX_RATIO * min(a, b)
 
 
-def _diagonal(shapes: pin.GeometryModel, joint: int) -> float:
-    """Return the diagonal [m] of the box, along the joint's axes, around all shapes of a body; 0
+def _sides(shapes: pin.GeometryModel, joint: int) -> np.ndarray:
+    """Return the sides (3,) [m] of the box, along the joint's axes, around all shapes of a body; 0
     without any.
     """
     lower = np.full(3, np.inf)
@@ -142,8 +155,8 @@ def _diagonal(shapes: pin.GeometryModel, joint: int) -> float:
         lower = np.minimum(lower, middle - reach)
         upper = np.maximum(upper, middle + reach)
     if not (upper >= lower).all():
-        return 0.0
-    return float(np.linalg.norm(upper - lower))
+        return np.zeros(3)
+    return upper - lower
 
 
 def _size_by_inertia(inertia: pin.Inertia) -> float:

@@ -134,6 +134,7 @@ def check_robot(robot: Robot) -> RobotReport:
         *_limits(robot),
         *_frames(robot),
         *_shapes(robot),
+        *geometry_doubts(robot),
         *_water(robot),
         *_unknowns(robot),
     )
@@ -145,6 +146,16 @@ def body_errors(robot: Robot) -> Iterator[RobotFinding]:
     for finding in (*_inertias(robot), _mass_matrix(robot)):
         if finding.verdict is RobotVerdict.ERROR:
             yield finding
+
+
+def geometry_doubts(robot: Robot) -> Iterator[RobotFinding]:
+    """Yield what makes a robot another one than its file means, though it flies: meshes of another
+    size or with other axes, and z that points down.
+    """
+    for doubt in (*mesh_size_doubts(robot), *mesh_axis_doubts(robot)):
+        yield _warning("shapes", doubt)
+    if robot.n_vehicle and robot.hydrodynamics:
+        yield from _axes(robot)
 
 
 def _good(subject: str, text: str) -> RobotFinding:
@@ -262,8 +273,6 @@ def _shapes(robot: Robot) -> Iterator[RobotFinding]:
         yield _good(
             "shapes", f"{shapes.ngeoms} {kind} shapes, {n_meshes} of them meshes, all found"
         )
-    for doubt in (*mesh_size_doubts(robot), *mesh_axis_doubts(robot)):
-        yield _warning("shapes", doubt)
     holed = list(open_meshes(robot))
     if holed:
         shown = ", ".join(holed[:_SHOWN_MESHES])
@@ -289,7 +298,6 @@ def _water(robot: Robot) -> Iterator[RobotFinding]:
     yield _trim(robot)
     yield _thrusters(robot)
     yield from _tilts(robot)
-    yield from _axes(robot)
 
 
 def _unknowns(robot: Robot) -> Iterator[RobotFinding]:
