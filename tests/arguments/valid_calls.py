@@ -735,17 +735,14 @@ POOL: dict[str, Callable[[], Any]] = {
 class.
 """
 
-CONDITIONS = ("Above", "Below", "Transition")
-
 ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     **dict.fromkeys(
         ("Estimator.outcome", "Estimator.refuse", "Estimator.used"), lambda: {"channel": "position"}
     ),
-    **{
-        f"{kind}.{use}": lambda: {"quantities": quantities()}
-        for kind in CONDITIONS
-        for use in ("holds", "describe")
-    },
+    **dict.fromkeys(
+        ("Above.holds", "Above.describe", "Below.holds", "Below.describe", "Transition.describe"),
+        lambda: {"quantities": quantities()},
+    ),
     "StageShape": lambda: {"n_u": (1,)},
     "KktResidual": lambda: {"stationarity": 0.0, "primal": 0.0, "complementarity": 0.0},
     "StageQp.fix_initial_state": lambda: {"x": np.zeros(2)},
