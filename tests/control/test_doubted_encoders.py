@@ -54,16 +54,17 @@ def hover(
     *,
     during: str = f"{ONSET:g}",
     end: float = END,
+    ahead: float = 0.0,
 ) -> Scenario:
     """A robot that keeps its place and its arm at home until the end [s]; rates: sensor of its joint
-    rates. during: times of the faults, as after their @.
+    rates. during: times of the faults, as after their @. ahead [m]: its place, from where it starts.
     """
     robot = load_robot(name)
     tasks = [
         JointLimits(),
         MinimumAltitude(),
         HorizontalAttitude(),
-        VehiclePose(goal=pose_at((0.0, 0.0, -15.0))),
+        VehiclePose(goal=pose_at((ahead, 0.0, -15.0))),
         JointTracking(joints=robot.joint_names, goal=robot.home),
     ]
     over = Transition(to=DONE, when=(Above(quantity="mission.time", limit=end - 1.0),))

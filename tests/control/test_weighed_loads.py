@@ -4,6 +4,7 @@ bears the load meanwhile, and weighs it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -24,6 +25,7 @@ from uvms_ocp.control.force.tick_functions import (
 from uvms_ocp.control.payload import tool_function
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.sim.currents import UniformCurrent
 
 ROBOTS = ("girona_maris7_full", "bluerov2_alpha5", "bluerov2_two_alpha5")
 WEIGHT = 40.0  # [N]
@@ -95,6 +97,40 @@ def test_what_no_weight_at_a_tool_makes_is_not_explained(name: str) -> None:
     for disturbance in ([0.0, 0.0, 0.0, 10.0, -10.0, 0.0], [30.0, 0.0, 0.0, 0.0, 0.0, 8.0]):
         estimate = np.concatenate([disturbance, np.zeros(robot.n_joints)])
         assert weigh(name, q, estimate)[1] < 0.7
+
+
+@pytest.mark.parametrize(
+    ("sideways", "is_load"), [(0.0, True), (1.5, True), (2.5, False), (15.0, False)]
+)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_a_current_lifts_a_tilted_vehicle_by_is_no_load(
+    name: str, sideways: float, is_load: bool
+) -> None:
+    """Of 92 N that pushed it sideways 6 N lifted it, which a load at its tool explained."""
+    robot = load_robot(name)
+    q = posture(name, 2)
+    force = np.array(
+        tool_function(robot_dynamics(robot).symbolic, robot.tools)(q, np.zeros(robot.n_v))[0]
+    )[:, 0]
+    push = pin.Quaternion(q[3:7]).matrix().T @ [0.0, -sideways * WEIGHT, 0.0]
+    estimate = np.concatenate([WEIGHT * force[:3] + push, WEIGHT * force[3:6]])
+    explained = weigh(name, q, np.concatenate([estimate, np.zeros(robot.n_joints)]))[1]
+    assert (explained > 0.7) == is_load
+
+
+@pytest.mark.slow
+@long_without_compiler
+@pytest.mark.parametrize("speed", [0.5, 0.6])
+def test_an_arm_that_a_current_threw_is_not_thrown_by_what_the_current_lifts(speed: float) -> None:
+    """Its brakes let it go at 16 times its velocity limit. The current itself throws it in a tick, as at
+    the start.
+    """
+    scenario = hover("bluerov2_alpha5", 0.05, "", rates=None, end=8.0, ahead=3.0)
+    current = UniformCurrent([-speed, 0.1, 0.0])
+    environment = replace(scenario.environment, current=current)
+    record = replace(scenario, environment=environment).run()
+    rates = np.abs(record["v"][:, 6:]) / scenario.robot.limits.velocity[6:]
+    assert rates.max() <= 1.2
 
 
 @pytest.mark.sampled

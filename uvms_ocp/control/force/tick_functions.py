@@ -39,6 +39,7 @@ _EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes
 # share, of the bandwidth that the sensors allow, that the observer needs for its findings to be
 # judged
 _FULL = 0.95
+_LIFT = 0.5  # share of what a current pushes a vehicle sideways by, by which it lifts one that is tilted, at most
 _NO_FORCE = 1e-12  # [N2] nothing is divided by less
 
 
@@ -300,7 +301,8 @@ def weigh_function(laws: ForceLaws) -> ca.Function:
 
     A weight w at a tool is a generalized force ``w J.T down``. Its part on the vehicle is fitted to the
     observed disturbance along the vertical and about horizontal axes, in N and N m over the size of the
-    robot: currents push sideways. Of several tools the one is taken that explains most. Joints that do not
+    robot: currents push sideways. They lift a vehicle that is tilted, too, so that nothing is explained by
+    a weight that is small beside what pushes sideways. Of several tools the one is taken that explains most. Joints that do not
     carry it keep their disturbance; without a vehicle, or a tool, nothing is explained.
     """
     x, (inputs, state) = _symbols(laws, inputs=ForceInputs, state=ForceState)
@@ -312,12 +314,15 @@ def weigh_function(laws: ForceLaws) -> ca.Function:
         up = _up(inputs.q)
         scale = ca.DM(np.repeat([1.0, 1.0 / size_of(laws.robot.model)], 3))
         borne = scale * _by_weight(up, state.estimate[:n], laws.observer.limit[:n])
+        push = state.estimate[:3]
+        sideways = ca.norm_2(push - up * ca.dot(up, push))
         for tool in laws.robot.tools:
             force = load_force(body, inputs.q, ca.SX(3, 1), tool)[:, 0]
             pattern = scale * _by_weight(up, ca.densify(force[:n]), laws.observer.limit[:n])
             weight = ca.dot(pattern, borne) / (ca.dot(pattern, pattern) + _NO_FORCE)
             total = ca.sumsqr(borne)
             share = (total - ca.sumsqr(borne - weight * pattern)) / (total + _NO_FORCE)
+            share = ca.if_else(ca.fabs(weight) > _LIFT * sideways, share, 0.0)
             borne_by_joints = limited(weight * ca.densify(force), laws.observer.limit)
             by_tool = ca.SX(state.estimate)
             for k in range(n, laws.robot.n_v):
