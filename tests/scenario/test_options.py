@@ -135,6 +135,17 @@ def test_signatures_name_the_options_of_all_scenarios(name: str) -> None:
     assert all(each.kind is each.KEYWORD_ONLY for each in parameters.values())
 
 
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_signatures_tell_the_defaults_that_scenarios_have(name: str) -> None:
+    scenario = default(name)
+    parameters = inspect.signature(SCENARIOS[name]).parameters
+    assert parameters["robot"].default == scenario.robot.name
+    for option in ("plant", "seed", "dt", "duration", "faults"):
+        assert parameters[option].default == getattr(scenario, option)
+    assert parameters["current"].default == scenario.environment.current
+    assert SCENARIOS[name](duration=None, current=None).duration == scenario.duration
+
+
 @pytest.mark.parametrize("faults", [0, 1j, object(), 0.5, True])
 def test_faults_that_are_no_list_are_refused_with_what_a_fault_looks_like(faults: object) -> None:
     refused = pytest.raises(

@@ -42,7 +42,7 @@ from uvms_ocp.tasks import (
 )
 from uvms_ocp.types import Bound, Count, Finite, Positive
 
-_ROBOT = "girona_maris7_full"
+ROBOT = "girona_maris7_full"
 _SEABED = -40.0  # [m] z of the floor in W
 
 Markers = Mapping[str, tuple[float, float, float]]
@@ -75,7 +75,7 @@ class RunOptions:
     a current by less.
     """
 
-    robot: Robot = field(default_factory=partial(load_robot, _ROBOT))
+    robot: Robot = field(default_factory=partial(load_robot, ROBOT))
     """Robot. As a keyword also the name of one."""
     seabed: Finite = _SEABED
     """[m] height of the floor in W, of a rough one between its protuberances."""
@@ -163,7 +163,7 @@ class RunOptions:
 
 
 def run_options(
-    keywords: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed: float = _SEABED
+    keywords: Mapping[str, Any], *, robot: Robot | str = ROBOT, seabed: float = _SEABED
 ) -> RunOptions:
     """Make the options of a scenario from keywords, `None` for the default; robot and seabed [m] are
     the scenario's own.
@@ -174,10 +174,7 @@ def run_options(
     option_names = [item.name for item in fields(RunOptions)]
     for name in keywords:
         require_known("option of all scenarios", name, option_names)
-    options: dict[str, Any] = {"robot": robot, "seabed": seabed}
-    for name, value in keywords.items():
-        if value is not None:
-            options[name] = value
+    options = with_defaults(keywords, robot=robot, seabed=seabed)
     if isinstance(options["robot"], str):
         options["robot"] = load_robot(options["robot"])
     options["current"] = current_from(options.get("current"))
@@ -186,6 +183,14 @@ def run_options(
         faults = (faults,)
     options["faults"] = parse_faults(faults)
     return RunOptions(**options)
+
+
+def with_defaults(options: Mapping[str, Any], **defaults: Any) -> dict[str, Any]:
+    """Return options with a scenario's own defaults in the place of those that are not given, or
+    `None`.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    return {**defaults, **given}
 
 
 def current_from(current: Current | Sequence[float] | None) -> Current:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields
 from inspect import Signature, signature
 from typing import Any
 
+from uvms_ocp.scenario.cases import bluerov, case1 as case1_missions
 from uvms_ocp.scenario.cases.bluerov import bluerov_inspection, reach
 from uvms_ocp.scenario.cases.case1 import (
     Thresholds as Thresholds,
@@ -17,7 +19,7 @@ from uvms_ocp.scenario.cases.case1 import (
 )
 from uvms_ocp.scenario.cases.case2 import case2
 from uvms_ocp.scenario.cases.transit import obstacle_field, transit
-from uvms_ocp.scenario.options import RunOptions
+from uvms_ocp.scenario.options import ROBOT, RunOptions
 from uvms_ocp.scenario.scenario import Scenario
 
 _ALL = (
@@ -29,19 +31,34 @@ SCENARIOS: dict[str, Callable[..., Scenario]] = {scenario.__name__: scenario for
 """Scenarios by the name that the command line knows."""
 
 
+_OWN_DEFAULTS: dict[Callable[..., Scenario], Mapping[str, Any]] = {
+    reach: bluerov.DEFAULTS,
+    bluerov_inspection: bluerov.DEFAULTS,
+    two_targets: case1_missions.TWICE_DEFAULTS,
+    current_drift: case1_missions.DRIFT_DEFAULTS,
+}
+"""Defaults of options that differ from those of `RunOptions`, by scenario."""
+
+
 def _signature_of(scenario: Callable[..., Any]) -> Signature:
-    """Return the signature with the options of all scenarios in the place of ``**options``, for
-    help and completion.
+    """Return the signature with the options of all scenarios, and their defaults, in the place of
+    ``**options``, for help and completion.
     """
     declared_signature = signature(scenario)
     shared = signature(RunOptions).parameters
+    defaults = {"robot": ROBOT, **_OWN_DEFAULTS.get(scenario, {})}
+    for option in fields(RunOptions):
+        if option.default is not MISSING:
+            defaults.setdefault(option.name, option.default)
+        elif option.default_factory is not MISSING and option.name not in defaults:
+            defaults[option.name] = option.default_factory()
     parameters = [
         parameter
         for parameter in declared_signature.parameters.values()
         if parameter.kind is not parameter.VAR_KEYWORD
     ]
     shared_parameters = [
-        parameter.replace(default=None)
+        parameter.replace(default=defaults[name])
         for name, parameter in shared.items()
         if name not in declared_signature.parameters
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -25,6 +26,9 @@ from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.tasks import FieldOfView, JointTracking, ToolPosition, VehiclePose
 from uvms_ocp.types import Period, Point, Positive, Range
 
+DEFAULTS: Mapping[str, Any] = {"robot": "bluerov2_alpha5", "seabed": -10.0}
+"""Defaults of these scenarios that are not those of `RunOptions`; seabed [m]."""
+
 
 @checked
 def reach(
@@ -46,7 +50,7 @@ def reach(
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
-    run = run_options(options, robot="bluerov2_alpha5", seabed=-10.0)
+    run = run_options(options, **DEFAULTS)
     robot = run.robot
     origin = start or pose_at((0.0, 0.0, -5.0))
     rng = np.random.default_rng(run.seed)
@@ -146,7 +150,7 @@ def bluerov_inspection(
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
-    run = run_options(options, robot="bluerov2_alpha5", seabed=-10.0)
+    run = run_options(options, **DEFAULTS)
     centre = np.asarray(target, dtype=float)
     origin = pose_at((0.0, 0.0, -5.0))
     q0 = run.start(origin)

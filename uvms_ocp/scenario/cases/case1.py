@@ -25,6 +25,7 @@ from uvms_ocp.scenario.options import (
     override,
     phase_of,
     run_options,
+    with_defaults,
 )
 from uvms_ocp.scenario.preflight.arm_reach import ArmReach, ReachResult
 from uvms_ocp.scenario.scenario import Scenario, pose_at
@@ -48,6 +49,14 @@ ADRIFT = Above(quantity="PC.horizontal_error", limit=0.5, release=0.4)
 """[m] Distance off the way point at which a vehicle counts as adrift, until it is nearer again."""
 
 _APPROACH = np.array([-1.4025, 0.0752, 1.886])  # [m] from a target to its way point
+
+DRIFT_DEFAULTS: Mapping[str, Any] = {
+    "current": OnsetCurrent((-0.75, 0.2, 0.0), start=40.0, rise=1.0),
+    "duration": 150.0,
+}
+"""Defaults of `current_drift` that are not those of `RunOptions`; duration [s]."""
+TWICE_DEFAULTS: Mapping[str, Any] = {"duration": 240.0}
+"""Defaults of `two_targets` that are not those of `RunOptions`; duration [s]."""
 
 
 @checked_dataclass()
@@ -144,7 +153,7 @@ def case1_unreachable(**options: Any) -> Scenario:
     Pre-flight refuses it and suggests a way point that is near enough. Options as for `case1`.
     """
     return replace(
-        case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}),
+        case1(**with_defaults(options, way_point=pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)))),
         name="case1_unreachable",
     )
 
@@ -291,13 +300,7 @@ def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) 
     observer: the default one drifts less than the arm can make up for. retries: how often D may be
     left for A. Other options as for `case1`.
     """
-    scenario = case1(
-        **{
-            "current": OnsetCurrent((-0.75, 0.2, 0.0), start=40.0, rise=1.0),
-            "duration": 150.0,
-            **options,
-        }
-    )
+    scenario = case1(**with_defaults(options, **DRIFT_DEFAULTS))
     if back_steps:
         phases = tuple(with_back_step(phase, retries) for phase in scenario.mission.phases)
         scenario = replace(scenario, mission=replace(scenario.mission, phases=phases))
@@ -350,7 +353,7 @@ def two_targets(
     tool errors end below the thresholds of `case1`, whose options apply. Raises `InvalidInput`
     where no joint moves a tool.
     """
-    scenario = case1(**{"duration": 240.0, **options})
+    scenario = case1(**with_defaults(options, **TWICE_DEFAULTS))
     target = np.asarray(second, dtype=float)
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, second_yaw)
     arm = _arm_setting(scenario.robot)
