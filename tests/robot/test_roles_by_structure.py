@@ -285,6 +285,24 @@ def test_an_arm_of_three_joints_that_ends_in_sensors_is_asked(tmp_path: Path) ->
     assert not any("taken for an arm" in line for line in questions)
 
 
+@pytest.mark.parametrize(
+    ("links", "is_asked"),
+    [
+        (("camera_arm_1", "camera_arm_2"), True),
+        (("light_wrist",), True),
+        (("camera_1", "camera_2"), False),
+        (("alarm_light",), False),
+    ],
+)
+def test_sensors_that_are_called_an_arm_too_are_asked_beside_an_arm(
+    links: tuple[str, ...], is_asked: bool, tmp_path: Path
+) -> None:
+    proposal = proposed(tmp_path, ARM + TCP + chain("hull", *links) + fixed_thrusters())
+    assert proposal.robot.joint_names == ARM_JOINTS
+    asked = any(f"{links[0]}_j" in question for question in proposal.questions)
+    assert asked == is_asked
+
+
 def test_a_single_joint_called_a_finger_may_be_a_wrist(tmp_path: Path) -> None:
     parts = chain("hull", "upper", "fore", "finger_wrist") + fixed_thrusters()
     questions = proposed(tmp_path, parts).questions

@@ -60,6 +60,7 @@ _PATTERNS: Mapping[str, re.Pattern[str]] = {
     "fin": _words(_FINS),
     "mount": _words("mount bracket holder clamp guard shroud housing"),
     "sensor": _words(_SENSORS),
+    "arm": _words("arm manipulator gripper hand shoulder elbow wrist"),
     "finger": _words("finger jaw claw knuckle pincer thumb fingertip"),
     "load cell": _words("ft force torque wrench loadcell"),
     "tip": _words("tool tcp tip ee eef tool0 endeffector grasp effector"),

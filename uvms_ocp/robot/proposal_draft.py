@@ -255,7 +255,7 @@ class ProposalDraft:
 
     def _arm_questions(self) -> Iterator[str]:
         """Ask whether arms that may be heads or fins are some, and whether joints that are called sensors
-        are none where no arm is there.
+        are none where no arm is there, or where they are called an arm, too.
         """
         requested = self._requested_joints()
         doubtful = [name for name in self.roles.short_arms if self._is_free(name, requested)]
@@ -277,8 +277,13 @@ class ProposalDraft:
                 " head give --lock JOINT=0, which holds it still"
             )
         has_arm = bool(self.tools or self.roles.candidates)
-        sensors = [name for name in self.roles.sensors if name in self.reading.lock]
-        if sensors and not has_arm:
+        words = NameWords(self.models.model)
+        sensors = list[str]()
+        for name in self.roles.sensors:
+            is_alike = not has_arm or words.is_called("arm", name)
+            if is_alike and name in self.reading.lock:
+                sensors.append(name)
+        if sensors:
             yield (
                 f"joint {', '.join(sensors)}: moves what is called a sensor, and is held still;"
                 " --tool LINK makes an arm of it"
