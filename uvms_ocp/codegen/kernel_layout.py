@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Annotated, Any, TypeAlias, TypeVar, cast, get_args, get_origin, get_type_hints
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import casadi as ca
 import numpy as np
@@ -21,6 +21,8 @@ from uvms_ocp.errors import InvalidInput
 
 _FUNCTIONS = WeakKeyDictionary[Any, tuple[str, ...]]()
 """Names of the fields of each type of a structure that hold functions."""
+_LIVING = WeakValueDictionary[tuple[Any, tuple[tuple[str, Any], ...]], type[ctypes.Structure]]()
+"""Types of structures that are in use, by layout and sizes."""
 _CALL = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)
 """Type of machine code that CasADi writes: of arguments, results, work memory and its number."""
 _NOTHING = ca.Function("ask", [], [])
@@ -108,6 +110,17 @@ def _names(layout: Any, made: frozenset[str]) -> frozenset[str]:
 
 @lru_cache(maxsize=80)
 def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
+    """Return the type of a layout with these sizes: one, for as long as any memory has it, so that
+    memories that were made at different times fit into one program.
+    """
+    structure = _LIVING.get((layout, sizes))
+    if structure is None:
+        structure = _made_structure(layout, sizes)
+        _LIVING[layout, sizes] = structure
+    return structure
+
+
+def _made_structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
     known_sizes = dict(sizes)
     fields = list[tuple[str, Any]]()
     arrays = dict[str, tuple[int, ...]]()

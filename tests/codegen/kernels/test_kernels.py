@@ -157,6 +157,14 @@ def test_sizes_of_a_layout_are_those_of_its_parts() -> None:
         structure_of(Memory, SimpleNamespace(n=NOT_COUNTED))
 
 
+def test_memories_of_any_age_have_one_type_of_a_part() -> None:
+    old = structure_of(Memory, n=5)()
+    for n in range(6, 200):  # more than are remembered
+        structure_of(Memory, n=n)
+    assert structure_of(Memory, n=5) is type(old)
+    assert type(old.windows[0]) is type(structure_of(Memory, n=4)().windows[0])
+
+
 def test_a_field_that_memory_cannot_hold_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"Wrong\.name is <class 'str'>; give float, int, bool"):
         structure_of(Wrong)
