@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from compiler import long_without_compiler
 from recording.rows import column
 from studies.drawn_faults import (
@@ -51,6 +52,7 @@ def test_a_sway_has_the_rate_that_it_moves_with() -> None:
         )
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_lost_channel_is_named_and_no_other() -> None:
     seed = next(seed for seed, drawn in enumerate(DRAWN) if _is_short(drawn))

@@ -104,7 +104,14 @@ def any_joints() -> SimpleNamespace:
     ):
         joint = model.addJoint(joint, kind(), pin.SE3.Identity(), kind.__name__)
     return SimpleNamespace(
-        model=model, n_q=model.nq, n_v=model.nv, configuration=lambda: pin.neutral(model)
+        model=model,
+        n_q=model.nq,
+        n_v=model.nv,
+        n_vehicle=6,
+        n_joints=model.nv - 6,
+        joint_q=slice(7, model.nq),
+        description=SimpleNamespace(thrusters=()),
+        configuration=lambda: pin.neutral(model),
     )
 
 

@@ -186,6 +186,7 @@ def test_commands_keep_to_thrust_and_slew_from_rest() -> None:
     assert np.abs(np.diff(told, axis=0)).max() <= LIMITS.slew * EFFORT.step * (1 + 1e-12)
 
 
+@pytest.mark.slow
 def test_the_vehicle_stays_in_the_pool_and_upright() -> None:
     excitation = found()
     assert excitation.status is DesignStatus.INSIDE

@@ -139,6 +139,7 @@ def test_what_was_identified_predicts_best() -> None:
             assert of_others < before < resting
 
 
+@pytest.mark.slow
 def test_predictions_err_by_what_is_expected_of_them() -> None:
     ratios = []
     for one in found():

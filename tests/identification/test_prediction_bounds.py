@@ -161,6 +161,7 @@ def test_what_one_vehicle_of_another_ballast_misses_is_the_fits() -> None:
     assert judgement.verdict is not PredictionVerdict.AS_GOOD_AS_ONE_VEHICLE
 
 
+@pytest.mark.slow
 def test_bounds_predict_the_same_samples_in_the_same_way() -> None:
     for recording in same_vehicle()[1]:
         for horizon in recording.horizons:

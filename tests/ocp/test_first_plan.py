@@ -167,6 +167,7 @@ def test_ipopt_is_tried_where_the_solver_by_stages_does_not_come_to_an_end(
     )
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_where_neither_solver_ends_the_better_plan_alone_is_diagnosed(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
