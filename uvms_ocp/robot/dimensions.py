@@ -30,19 +30,21 @@ class Dimensions:
     n_joint_positions: int = NOT_COUNTED
     """Numbers in the joints' part of a configuration."""
     n_thrusters: int = NOT_COUNTED
+    """Thrusters of the vehicle."""
 
     n_channels: int = len(CHANNELS)
     """Channels of sensors: the toolkit's, then a user's own."""
 
     n_tasks: int = NOT_COUNTED
+    """Tasks of the hierarchy."""
     n_phases: int = NOT_COUNTED
-    """With that of an abort."""
+    """Phases of the mission, with that of an abort."""
     n_transitions: int = NOT_COUNTED
-    """Of all phases."""
+    """Transitions of all phases."""
     n_conditions: int = NOT_COUNTED
-    """Of all transitions."""
+    """Conditions of all transitions."""
     n_quantities: int = NOT_COUNTED
-    """That tasks and conditions tell at every tick."""
+    """Quantities that tasks measure and conditions read, at every tick."""
     n_needed_channels: int = NOT_COUNTED
     """Channels of sensors that tasks rest on."""
     n_parameters: int = NOT_COUNTED
@@ -60,7 +62,7 @@ class Dimensions:
     """Models of shapes whose distances they limit and machine code measures."""
     n_asking: int = NOT_COUNTED
     """Tasks that ask for the nearest pairs of shapes."""
-    n_rows: int = NOT_COUNTED
+    n_asked_pairs: int = NOT_COUNTED
     """Pairs that each of them asks for at most."""
     n_solids: int = NOT_COUNTED
     """Room for shapes in a model."""

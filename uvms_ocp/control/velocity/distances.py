@@ -58,11 +58,11 @@ class PairsMemory(Layout):
     """(n_pairs,) index of the place where a pair was measured last."""
     worst: Annotated[list[int], Sized("n_pairs")]
     """(n_pairs,) index of the place of the smallest distance: 0 now, k at the k-th place."""
-    chosen: Annotated[list[int], Sized("n_rows")]
+    chosen: Annotated[list[int], Sized("n_asked_pairs")]
     """(n,) pairs that come nearest."""
     taken: Annotated[list[int], Sized("n_pairs")]
     """(n_pairs,) 1 for pairs that are chosen."""
-    gradient: Annotated[list[Vector], Sized("n_rows", "n_v")]
+    gradient: Annotated[list[Vector], Sized("n_asked_pairs", "n_v")]
     """(n, n_v) [-, m] gradient of each chosen distance at its place."""
 
 

@@ -223,7 +223,7 @@ def with_nearest(dimensions: Dimensions, asking: Sequence[NearestPairs]) -> Dime
     return replace(
         dimensions,
         n_asking=len(asking),
-        n_rows=max((pairs.n_rows for pairs in asking), default=0),
+        n_asked_pairs=max((pairs.n_rows for pairs in asking), default=0),
     )
 
 
