@@ -41,6 +41,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.program import NlpStatus
 from uvms_ocp.tasks.task import Residual, zero_residual
 
 
@@ -348,3 +349,26 @@ def test_a_longer_horizon_that_ends_badly_keeps_none_from_being_tried_that_is_lo
     assert "a horizon of 4 s was tried in vain" in found.reason
     found = judge_of(planner, missed, missed).verdict(missed)
     assert found.status is OcpStatus.UNREACHABLE, found.reason
+
+
+def test_a_horizon_that_nobody_had_time_to_try_is_not_said_to_have_been_tried(
+    turning: tuple[Planner, LexicographicResult],
+) -> None:
+    planner, met = turning
+    missed = replace(met, values=(met.values[0] + 0.5, *met.values[1:]))
+    late = replace(judge_of(planner, met), deadline=perf_counter())
+    found = late.verdict(missed)
+    assert found.status is OcpStatus.MISSED, found.reason
+    assert "no time was left to try a horizon of 4 s" in found.reason
+    assert "in vain" not in found.reason
+
+
+def test_a_longer_motion_that_meets_the_goal_shows_that_time_lacks_though_it_is_not_yet_the_best(
+    turning: tuple[Planner, LexicographicResult],
+) -> None:
+    planner, met = turning
+    missed = replace(met, values=(met.values[0] + 0.5, *met.values[1:]))
+    cut_short = replace(met, level_status=(NlpStatus.TIME_LIMIT, NlpStatus.SKIPPED))
+    found = judge_of(planner, cut_short).verdict(missed)
+    assert found.status is OcpStatus.TOO_SHORT, found.reason
+    assert "4 s would do" in found.reason

@@ -195,8 +195,13 @@ class Diagnosis:
         if self.deadline is None:
             return OcpStatus.MISSED, text
         for longer in self._longer_problems(residual):
-            trial = self.solve(longer, None, self._time_left)
-            if trial.violation > self.feasibility or not trial.level_status[missed].optimal:
+            time_left = self._time_left
+            if time_left <= 0.0:
+                failed += f"; no time was left to try a horizon of {_seconds(longer)}"
+                break
+            trial = self.solve(longer, None, time_left)
+            is_kept = trial.violation <= self.feasibility
+            if not is_kept or not all(status.optimal for status in trial.level_status[:missed]):
                 failed = f"; a horizon of {_seconds(longer)} was tried in vain"
                 continue
             t = self.transcription.unpack(trial.x, longer).t
@@ -208,6 +213,8 @@ class Diagnosis:
             if remaining < _HELPFUL * residual:
                 text += f"; with {_seconds(longer)} it would be {remaining:.4g}{rates}"
                 return OcpStatus.TOO_SHORT, text
+            if not trial.level_status[missed].optimal:
+                failed = f"; a horizon of {_seconds(longer)} was tried in vain"
         if failed:
             return OcpStatus.MISSED, f"{text}{failed}{held}"
         return OcpStatus.UNREACHABLE, f"{text}, and more time does not help{held}"
