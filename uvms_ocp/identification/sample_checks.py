@@ -43,10 +43,13 @@ _FARTHEST = {
     "current": 5.0,
 }
 """[unit of the channel] least distance of values that are far off."""
+_RETURNS = 20  # times that a channel comes back to a value that stands for nothing, from which on it is one
 _SPIKE = 10.0  # usual steps from which on a step is a jump
 _AROUND = 5  # samples before and after a jump that tell whether it lasts
 _RESET = 1.0  # [m] least jump that is said to be set anew: acoustic fixes wander by less
 _RESET_STEPS = 20.0  # usual steps that such a jump is longer than
+_AWAY_FROM_ZERO = {**MOVES, "position": _RESET}
+"""[unit of the channel] usual size from which on a sample of zeros between others is a lost one."""
 _MOST_RESETS = 20  # jumps; more of them are of another kind
 _CLIPPED = 5  # samples at the end of a range, from which on it is the sensor's
 _SATURATES = ("linear_velocity", "angular_velocity", "specific_force")
@@ -65,6 +68,8 @@ _FASTEST = {
 in.
 """
 
+_COUNTED = "deg"
+"""Unit of angles that encoders count instead."""
 _PLAUSIBLE = 0.15  # share of the fastest below which the columns beside a fast one are sound
 _DEGREE = np.pi / 180.0
 _FACTORS = {"mm/s, or cm/s": 1e-3, "mm, or cm": 1e-3, "deg/s": _DEGREE, "deg": _DEGREE}
@@ -240,14 +245,14 @@ def _lost(name: str, channel: Channel) -> Iterator[str]:
     """Check for zeros between samples that move."""
     size = np.linalg.norm(channel.values, axis=1)
     is_zero = size == 0.0
-    if name not in MOVES or not is_zero.any() or is_zero.all():
+    if name not in _AWAY_FROM_ZERO or not is_zero.any() or is_zero.all():
         return
     moved = channel.t[~is_zero]
     zeros = channel.t[is_zero]
     # Before and after all others it may have been at rest.
     zeros = zeros[(zeros > moved[0]) & (zeros < moved[-1])]
     expected_size = np.interp(zeros, moved, size[~is_zero])
-    n_lost = int((expected_size > MOVES[name]).sum())
+    n_lost = int((expected_size > _AWAY_FROM_ZERO[name]).sum())
     if n_lost:
         yield f"{n_lost} of {len(channel.t)} samples are exactly zero: lost ones?"
 
@@ -265,9 +270,12 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
                 low = extreme
                 high = extreme
             n_extreme = len(values) - len(remaining)
+            is_extreme = values == extreme
+            n_returns = int((is_extreme[1:] & ~is_extreme[:-1]).sum())
+            is_exception = n_extreme < _FOR_LONG / 100 * len(values) or n_returns > _RETURNS
             gap = max(low - extreme, extreme - high)
             is_far = gap > max(_FAR * (high - low), _FARTHEST.get(name, 0.0))
-            if is_far and n_extreme < _FOR_LONG / 100 * len(values):
+            if is_far and is_exception:
                 cure = f"give missing: [{extreme:.10g}] where it stands for nothing"
                 if n_extreme == 1:
                     cure = f"mistyped? {cure}"
@@ -345,6 +353,12 @@ def _too_fast(
     usual_size = float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))
     if usual_size <= fastest:
         return
+    if likely_unit == _COUNTED and (values == np.round(values)).all():
+        yield (
+            f"up to {usual_size:.3g} {unit} for a tenth of the time: is it in counts of an encoder, or"
+            " in deg? All are whole numbers: give its unit, or its offset and scale"
+        )
+        return
     by_column = np.percentile(np.abs(values), _FOR_LONG, axis=0)
     is_fast = by_column > fastest
     is_slow = by_column < _PLAUSIBLE * fastest
@@ -367,13 +381,18 @@ def _no_force(name: str, channel: Channel) -> Iterator[str]:
     if name == "propeller_commands":
         yield from _no_share(np.abs(channel.values))
     values = channel.values[channel.values != 0.0]
-    if name != "thrust" or not len(values):
+    if name not in ("thrust", "propeller_commands") or not len(values):
         return
     low, high = np.percentile(values, [1.0, 99.0])
     if channel.values.shape[1] > 2:
         narrow = _NARROW_OF_MANY
     else:
         narrow = 1.0 / (1.0 + _NARROW)
+    has_offset = low * high > 0.0 and min(abs(low), abs(high)) > narrow * max(abs(low), abs(high))
+    if name == "propeller_commands":
+        if has_offset and np.abs(values).max() <= 1.0:
+            yield f"{low:.4g} to {high:.4g}, and never near 0: its offset, its scale?"
+        return
     if _PULSES[0] < low and high < _PULSES[1]:
         yield (
             f"{low:.0f} to {high:.0f}: pulse widths in us? give offset: -1500, scale: 0.0025, as"
@@ -384,7 +403,7 @@ def _no_force(name: str, channel: Channel) -> Iterator[str]:
             f"{low:.3g} to {high:.3g}: shares of the largest command? give them as"
             " propeller_commands"
         )
-    elif low * high > 0.0 and min(abs(low), abs(high)) > narrow * max(abs(low), abs(high)):
+    elif has_offset:
         yield f"{low:.4g} to {high:.4g} N, and never near 0: its offset, its unit?"
 
 
