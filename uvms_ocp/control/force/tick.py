@@ -142,7 +142,8 @@ class ForceMemory(Layout):
 
 
 def begin_force(force: ForceMemory) -> None:
-    """Initialise the memory: all thrusters are sound."""
+    """Initialise the memory: all thrusters are sound, and no impossible force was asked for."""
+    force.possible = True
     for i in range(len(force.state.share)):
         force.state.share[i] = (
             force.bandwidth_share if i < force.detection.n_vehicle else force.joint_bandwidth_share
